@@ -1,0 +1,9 @@
+//! Candela, a render server. The map: one line per room; dependencies run downwards only.
+//!
+//! `http -> jobs -> render -> compile -> scene`, `film` below `render`, `params` a leaf.
+
+pub mod compile;
+pub mod film;
+pub mod params;
+pub mod render;
+pub mod scene;

@@ -1,0 +1,410 @@
+//! Render parameters: one JSON shape for HTTP, the command line and the page.
+//!
+//! Pure data: this room knows nothing of scenes, devices or HTTP. Unknown fields are refused by name.
+//! Angles are in degrees where the name says so, lengths in scene units, colours linear Rec. 709.
+
+mod parse;
+mod validate;
+
+
+pub use validate::FieldError;
+
+use serde::{Deserialize, Serialize};
+
+/// Everything that a picture depends on, besides the scene's bytes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RenderParams {
+    /// Transport: full path tracing, or direct light with mirrors only.
+    pub mode: Mode,
+    /// Which engine traces.
+    pub engine: EngineChoice,
+    /// Picture width in pixels.
+    pub width: u32,
+    /// Picture height in pixels.
+    pub height: u32,
+    /// Index of the glTF scene to draw; none: the file's default scene, else its first.
+    pub scene: Option<usize>,
+    /// Where to look from; none: the scene's first camera, else automatic framing.
+    pub camera: Option<CameraParams>,
+    /// Lights added to those of the file.
+    pub lights: Vec<LightParams>,
+    /// Whether the lights of the file (KHR_lights_punctual) shine.
+    pub scene_lights: bool,
+    /// Light from infinity. Absent: automatic (neutral when nothing else shines); `null`: none.
+    #[serde(skip_serializing_if = "EnvironmentChoice::is_auto")]
+    pub environment: EnvironmentChoice,
+    /// Samples per pixel at which the render stops.
+    pub max_samples: u32,
+    /// Relative error at which the render stops (docs/accuracy.md has the definition); none: not a criterion.
+    pub target_error: Option<f64>,
+    /// Wall time of tracing after which the render stops with what it has; none: not a criterion.
+    pub deadline_ms: Option<u64>,
+    /// Scattering events per path: 0 shows emission only, 1 adds direct light. None: unlimited (unbiased).
+    pub max_bounces: Option<u32>,
+    /// Seed of every random number.
+    pub seed: u32,
+    /// Reconstruction filter of the pixels.
+    pub filter: Filter,
+    /// Energy compensation for multiple scattering in microfacets (docs/accuracy.md). Off: the single-scattering
+    /// formulas of the glTF appendix.
+    pub multiple_scattering: bool,
+    /// Curve from scene-linear to display-linear.
+    pub tone_mapping: ToneMapping,
+    /// Exposure in stops.
+    pub exposure: f32,
+    /// File format and what goes with it.
+    pub output: OutputParams,
+}
+
+impl Default for RenderParams {
+    fn default() -> Self {
+        Self {
+            mode: Mode::Path,
+            engine: EngineChoice::Auto,
+            width: 1200,
+            height: 500,
+            scene: None,
+            camera: None,
+            lights: Vec::new(),
+            scene_lights: true,
+            environment: EnvironmentChoice::Auto,
+            max_samples: 256,
+            target_error: None,
+            deadline_ms: None,
+            max_bounces: None,
+            seed: 1,
+            filter: Filter::default(),
+            multiple_scattering: true,
+            tone_mapping: ToneMapping::Aces,
+            exposure: 0.0,
+            output: OutputParams::default(),
+        }
+    }
+}
+
+/// Kind of light transport.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// All paths of light.
+    Path,
+    /// Light straight from punctual lights with hard shadows; only perfect mirrors are followed.
+    Direct,
+}
+
+/// Which engine traces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EngineChoice {
+    /// The server chooses; the reply says what it chose.
+    Auto,
+    /// The wgpu compute tracer.
+    Gpu,
+}
+
+/// A camera of the scene by index or name, or one given in place, or an orbit around the scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CameraParams {
+    /// Index of a camera node of the chosen glTF scene, in the order that the scene's description lists them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub index: Option<usize>,
+    /// Name of a camera (or of its node) of the scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Angles around the target, and distance from it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub orbit: Option<OrbitParams>,
+    /// Eye point, world space.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position: Option<[f64; 3]>,
+    /// Point looked at, world space; with `orbit`, its centre (none: the centre of the scene's bounds).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<[f64; 3]>,
+    /// Up direction.
+    pub up: [f64; 3],
+    /// Vertical field of view; none: 45, or what the scene's camera has.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub yfov_degrees: Option<f64>,
+    /// Radius of the thin lens in scene units; 0 is a pinhole.
+    pub aperture_radius: f64,
+    /// Distance of the plane in focus along the view axis; none: the distance to the target.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus_distance: Option<f64>,
+}
+
+impl Default for CameraParams {
+    fn default() -> Self {
+        Self {
+            index: None,
+            name: None,
+            orbit: None,
+            position: None,
+            target: None,
+            up: [0.0, 1.0, 0.0],
+            yfov_degrees: None,
+            aperture_radius: 0.0,
+            focus_distance: None,
+        }
+    }
+}
+
+/// `eye = target + distance * (sin azimuth cos elevation, sin elevation, cos azimuth cos elevation)`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OrbitParams {
+    /// Turn about +y from +z towards +x.
+    pub azimuth_degrees: f64,
+    /// Height above the horizon.
+    pub elevation_degrees: f64,
+    /// Distance from the target; none: so that the whole scene is in the picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub distance: Option<f64>,
+}
+
+impl Default for OrbitParams {
+    fn default() -> Self {
+        Self { azimuth_degrees: 30.0, elevation_degrees: 20.0, distance: None }
+    }
+}
+
+/// A light of the request; units of KHR_lights_punctual.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum LightParams {
+    /// Sends light to all sides from a point. Intensity in candela.
+    Point {
+        /// World space.
+        position: [f64; 3],
+        /// Linear colour, multiplied by the intensity.
+        #[serde(default = "white")]
+        color: [f32; 3],
+        /// Candela.
+        #[serde(default = "one")]
+        intensity: f32,
+        /// Distance at which the light is cut off smoothly; none: infinite.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        range: Option<f32>,
+    },
+    /// A point light within a cone. Intensity in candela.
+    Spot {
+        /// World space.
+        position: [f64; 3],
+        /// Direction that the light shines in; need not be of unit length.
+        direction: [f64; 3],
+        /// Linear colour, multiplied by the intensity.
+        #[serde(default = "white")]
+        color: [f32; 3],
+        /// Candela.
+        #[serde(default = "one")]
+        intensity: f32,
+        /// Distance at which the light is cut off smoothly; none: infinite.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        range: Option<f32>,
+        /// Half angle of full light.
+        #[serde(default)]
+        inner_cone_degrees: f32,
+        /// Half angle of no light.
+        #[serde(default = "outer_cone")]
+        outer_cone_degrees: f32,
+        /// Curve between the two cones.
+        #[serde(default)]
+        falloff: SpotFalloff,
+    },
+    /// Parallel light from infinity. Intensity in lux.
+    Directional {
+        /// Direction that the light shines in.
+        direction: [f64; 3],
+        /// Linear colour, multiplied by the intensity.
+        #[serde(default = "white")]
+        color: [f32; 3],
+        /// Lux.
+        #[serde(default = "one")]
+        intensity: f32,
+    },
+    /// The same radiance from all sides, not seen by the camera.
+    Ambient {
+        /// Linear colour, multiplied by the intensity.
+        #[serde(default = "white")]
+        color: [f32; 3],
+        /// Radiance, cd/m2.
+        #[serde(default = "one")]
+        intensity: f32,
+    },
+}
+
+/// Curve of a spot light between its inner and outer cone.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SpotFalloff {
+    /// Linear in the cosine, then squared (KHR_lights_punctual).
+    #[default]
+    Gltf,
+    /// Linear in the angle.
+    Linear,
+}
+
+/// What the request says about the environment.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum EnvironmentChoice {
+    /// Field absent: a neutral environment if nothing else shines, else none.
+    #[default]
+    Auto,
+    /// `null`: no environment.
+    None,
+    /// As given.
+    Given(EnvironmentParams),
+}
+
+impl EnvironmentChoice {
+    /// Whether the field was absent.
+    pub fn is_auto(&self) -> bool {
+        matches!(self, Self::Auto)
+    }
+}
+
+impl Serialize for EnvironmentChoice {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Auto | Self::None => serializer.serialize_none(),
+            Self::Given(params) => params.serialize(serializer),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for EnvironmentChoice {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Ok(Option::<EnvironmentParams>::deserialize(deserializer)?.map_or(Self::None, Self::Given))
+    }
+}
+
+/// Light from infinity: exactly one of `hdri`, `constant`, `gradient`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EnvironmentParams {
+    /// An equirectangular picture: file name of a part of the same form, or an id from `POST /v1/images`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hdri: Option<String>,
+    /// The same radiance from everywhere.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub constant: Option<[f32; 3]>,
+    /// Radiance by height, linear in the direction's y: bottom at -1, horizon at 0, top at 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gradient: Option<GradientParams>,
+    /// Factor on all radiance.
+    pub intensity: f32,
+    /// Turns the environment about +y.
+    pub rotation_degrees: f64,
+    /// Whether the camera sees it where nothing else is.
+    pub visible: bool,
+}
+
+impl Default for EnvironmentParams {
+    fn default() -> Self {
+        Self { hdri: None, constant: None, gradient: None, intensity: 1.0, rotation_degrees: 0.0, visible: true }
+    }
+}
+
+/// Radiance of a sky that depends on height alone.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GradientParams {
+    /// Straight up.
+    pub top: [f32; 3],
+    /// At the horizon.
+    pub horizon: [f32; 3],
+    /// Straight down.
+    pub bottom: [f32; 3],
+}
+
+/// Reconstruction filter, importance sampled per pixel (so that pixels stay independent).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Filter {
+    /// Shape.
+    pub kind: FilterKind,
+    /// Half width in pixels; none: the kind's own (box 0.5, triangle 1, gaussian 1.5, Blackman-Harris 1.5).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radius: Option<f32>,
+}
+
+impl Default for Filter {
+    fn default() -> Self {
+        Self { kind: FilterKind::BlackmanHarris, radius: None }
+    }
+}
+
+/// Shape of the reconstruction filter (all of them positive).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FilterKind {
+    /// Uniform over the pixel.
+    Box,
+    /// Tent.
+    Triangle,
+    /// Gaussian, standard deviation a third of the radius.
+    Gaussian,
+    /// Four-term Blackman-Harris window.
+    BlackmanHarris,
+}
+
+/// Curve from scene-linear to display-linear.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ToneMapping {
+    /// Clip at 1.
+    Linear,
+    /// `x / (1 + x)` per channel.
+    Reinhard,
+    /// ACESFilmicToneMapping of three.js.
+    Aces,
+    /// AgX.
+    Agx,
+    /// Khronos PBR Neutral.
+    PbrNeutral,
+}
+
+/// File format of the result.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OutputParams {
+    /// Container.
+    pub format: ImageFormat,
+    /// Bits per channel of a PNG: 8 or 16.
+    pub bits: u8,
+    /// Pixels where the camera sees nothing have alpha 0.
+    pub transparent: bool,
+}
+
+impl Default for OutputParams {
+    fn default() -> Self {
+        Self { format: ImageFormat::Png, bits: 8, transparent: false }
+    }
+}
+
+/// Container of the result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ImageFormat {
+    /// Tone mapped, sRGB, with the render's facts as text.
+    Png,
+    /// Scene-linear f32.
+    Exr,
+    /// Tone mapped, lossless.
+    Webp,
+    /// Tone mapped, quality 95, no alpha.
+    Jpeg,
+}
+
+fn white() -> [f32; 3] {
+    [1.0; 3]
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+fn outer_cone() -> f32 {
+    45.0
+}

@@ -1,0 +1,118 @@
+//! Engines: (CompiledScene, Lighting, View, Settings) -> Film, in slices.
+
+pub mod schedule;
+
+use crate::compile::{CompiledScene, Features, Lighting, View};
+use crate::film::Film;
+use crate::params::Mode;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// One picture to make. Cloning shares the heavy parts.
+#[derive(Debug, Clone)]
+pub struct Work {
+    /// Geometry, materials, textures.
+    pub scene: Arc<CompiledScene>,
+    /// Light.
+    pub lighting: Arc<Lighting>,
+    /// Camera and film.
+    pub view: View,
+    /// What the three need.
+    pub features: Features,
+    /// Transport and when to stop.
+    pub settings: Settings,
+}
+
+/// Transport parameters and stop criteria of one picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Transport.
+    pub mode: Mode,
+    /// Scattering events per path; none: unlimited.
+    pub max_bounces: Option<u32>,
+    /// Energy compensation of microfacets.
+    pub multiple_scattering: bool,
+    /// Seed of every random number.
+    pub seed: u32,
+    /// Samples per pixel to stop at.
+    pub max_samples: u32,
+    /// Relative error to stop at.
+    pub target_error: Option<f64>,
+    /// Tracing time to stop at.
+    pub deadline: Option<Duration>,
+}
+
+/// Why a render ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StopReason {
+    /// `max_samples` were taken.
+    MaxSamples,
+    /// `target_error` was reached.
+    TargetError,
+    /// `deadline_ms` passed.
+    Deadline,
+}
+
+/// Samples that were dropped because they were not finite, by cause. A fault of the renderer: reported, never hidden.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
+pub struct NonFinite {
+    /// Radiance was NaN.
+    pub nan: u64,
+    /// Radiance was infinite.
+    pub infinite: u64,
+}
+
+/// What traces.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct DeviceInfo {
+    /// Name that the driver gives.
+    pub name: String,
+    /// `vulkan`, `metal`, `dx12`.
+    pub backend: String,
+    /// Driver and version.
+    pub driver: String,
+    /// False for software rasterisers.
+    pub hardware: bool,
+}
+
+/// Why a render failed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum RenderError {
+    /// The scene does not fit this device.
+    #[error("the scene does not fit the device: {0}")]
+    TooLarge(String),
+    /// The device was lost; begin again with the film so far.
+    #[error("the device was lost: {0}")]
+    DeviceLost(String),
+    /// No usable adapter.
+    #[error("no usable graphics adapter: {0}")]
+    NoAdapter(String),
+}
+
+/// A device and what it holds. Lives on one thread.
+pub trait Engine {
+    /// What traces.
+    fn device(&self) -> &DeviceInfo;
+
+    /// Starts a render: uploads what the device does not hold yet. `film`: what an earlier, lost device had made.
+    fn begin(&mut self, work: Work, film: Option<Film>) -> Result<Box<dyn Render>, RenderError>;
+}
+
+/// A render under way.
+pub trait Render {
+    /// Traces one slice, at most about 50 ms on any device, and returns why the render ended, if it has.
+    fn step(&mut self) -> Result<Option<StopReason>, RenderError>;
+
+    /// The picture so far. It grows by whole passes over all pixels.
+    fn film(&self) -> &Film;
+
+    /// Ends the render early and hands the film out.
+    fn into_film(self: Box<Self>) -> Film;
+
+    /// Part of `max_samples` done, 0 to 1, finer than passes.
+    fn progress(&self) -> f64;
+
+    /// Dropped samples.
+    fn non_finite(&self) -> NonFinite;
+}

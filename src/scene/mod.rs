@@ -1,0 +1,303 @@
+//! glTF bytes -> [`Scene`]: plain CPU data, checked, with nothing of the user's able to panic.
+//!
+//! The hierarchy is kept as the file has it (so that a later pose can move it); meshes are decoded once, only if a
+//! node of some scene shows them and only the attributes that their material reads; images stay encoded.
+//! Frame: glTF's, right-handed, +Y up, metres, colours linear Rec. 709.
+
+use glam::{DAffine3, Mat3, Vec2, Vec3, Vec4};
+use std::sync::Arc;
+
+/// A checked glTF asset.
+#[derive(Debug, Default)]
+pub struct Scene {
+    /// All nodes of the file, in its order.
+    pub nodes: Vec<Node>,
+    /// The file's scenes.
+    pub scenes: Vec<SceneRoot>,
+    /// The file's `scene` property.
+    pub default_scene: Option<usize>,
+    /// Meshes of the file; those that no scene shows have no primitives.
+    pub meshes: Vec<Mesh>,
+    /// Materials of the file, in its order.
+    pub materials: Vec<Material>,
+    /// Textures of the file, in its order.
+    pub textures: Vec<Texture>,
+    /// Images of the file, encoded.
+    pub images: Vec<Image>,
+    /// Cameras of the file, in its order.
+    pub cameras: Vec<Camera>,
+    /// Lights of KHR_lights_punctual, in the file's order.
+    pub lights: Vec<Light>,
+    /// Names of `extensionsUsed`, each with how it is honoured.
+    pub extensions: Vec<ExtensionUse>,
+    /// What the picture will lack or had to guess, for the reply.
+    pub warnings: Vec<Warning>,
+    /// Number of animations, skins and morph targets in the file, for the description.
+    pub animation_count: usize,
+}
+
+/// One entry of the file's `scenes`.
+#[derive(Debug, Clone, Default)]
+pub struct SceneRoot {
+    /// Name in the file.
+    pub name: Option<String>,
+    /// Root nodes.
+    pub nodes: Vec<usize>,
+}
+
+/// A node of the hierarchy.
+#[derive(Debug, Clone, Default)]
+pub struct Node {
+    /// Name in the file.
+    pub name: Option<String>,
+    /// Transform relative to the parent.
+    pub local: DAffine3,
+    /// Children.
+    pub children: Vec<usize>,
+    /// Index into [`Scene::meshes`].
+    pub mesh: Option<usize>,
+    /// Index into [`Scene::cameras`].
+    pub camera: Option<usize>,
+    /// Index into [`Scene::lights`].
+    pub light: Option<usize>,
+}
+
+/// A glTF mesh.
+#[derive(Debug, Clone, Default)]
+pub struct Mesh {
+    /// Name in the file.
+    pub name: Option<String>,
+    /// Triangle lists; primitives of points and lines are left out (with a warning).
+    pub primitives: Vec<Primitive>,
+}
+
+/// A triangle list with one material. All attribute arrays that are present have `positions.len()` entries.
+#[derive(Debug, Clone, Default)]
+pub struct Primitive {
+    /// Object space, finite.
+    pub positions: Vec<Vec3>,
+    /// Unit length; none: flat shading (glTF 2.0, 3.7.2.1).
+    pub normals: Option<Vec<Vec3>>,
+    /// xyz of unit length, w the sign of the bitangent. Present only if the material has a normal map.
+    pub tangents: Option<Vec<Vec4>>,
+    /// Texture coordinates that the material reads, by `TextureRef::uv_set`.
+    pub uvs: Vec<Vec<Vec2>>,
+    /// Linear RGBA (COLOR_0).
+    pub colors: Option<Vec<Vec4>>,
+    /// Counter-clockwise seen from the front.
+    pub triangles: Vec<[u32; 3]>,
+    /// Index into [`Scene::materials`]; none: the default material.
+    pub material: Option<usize>,
+}
+
+/// How a material's alpha is read.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum AlphaMode {
+    /// Alpha is ignored.
+    #[default]
+    Opaque,
+    /// Fully there at `alpha >= cutoff`, else not at all.
+    Mask {
+        /// Threshold.
+        cutoff: f32,
+    },
+    /// Covers a part of the pixel equal to alpha.
+    Blend,
+}
+
+/// Metallic-roughness material of core glTF.
+#[derive(Debug, Clone)]
+pub struct Material {
+    /// Name in the file.
+    pub name: Option<String>,
+    /// Linear RGBA factor.
+    pub base_color: Vec4,
+    /// sRGB texture; multiplies `base_color`.
+    pub base_color_texture: Option<TextureRef>,
+    /// Factor, 0 to 1.
+    pub metallic: f32,
+    /// Perceptual roughness factor, 0 to 1.
+    pub roughness: f32,
+    /// Linear texture: G roughness, B metallic.
+    pub metallic_roughness_texture: Option<TextureRef>,
+    /// Linear texture, tangent space.
+    pub normal_texture: Option<TextureRef>,
+    /// `normalTexture.scale`.
+    pub normal_scale: f32,
+    /// Radiance factor, times KHR_materials_emissive_strength.
+    pub emissive: Vec3,
+    /// sRGB texture; multiplies `emissive`.
+    pub emissive_texture: Option<TextureRef>,
+    /// How alpha is read.
+    pub alpha_mode: AlphaMode,
+    /// Whether back faces are seen and lit.
+    pub double_sided: bool,
+    /// KHR_materials_unlit: base colour is shown as it is.
+    pub unlit: bool,
+}
+
+impl Default for Material {
+    /// The default material of glTF 2.0 (3.9.7).
+    fn default() -> Self {
+        Self {
+            name: None,
+            base_color: Vec4::ONE,
+            base_color_texture: None,
+            metallic: 1.0,
+            roughness: 1.0,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            normal_scale: 1.0,
+            emissive: Vec3::ZERO,
+            emissive_texture: None,
+            alpha_mode: AlphaMode::Opaque,
+            double_sided: false,
+            unlit: false,
+        }
+    }
+}
+
+/// A use of a texture by a material.
+#[derive(Debug, Clone, Copy)]
+pub struct TextureRef {
+    /// Index into [`Scene::textures`].
+    pub texture: usize,
+    /// Index into [`Primitive::uvs`] of every primitive with this material (import renumbers the file's sets).
+    pub uv_set: usize,
+    /// KHR_texture_transform, as a matrix on (u, v, 1).
+    pub transform: Mat3,
+}
+
+/// An image with the way it is sampled.
+#[derive(Debug, Clone, Copy)]
+pub struct Texture {
+    /// Index into [`Scene::images`].
+    pub image: usize,
+    /// Wrap in u.
+    pub wrap_u: Wrap,
+    /// Wrap in v.
+    pub wrap_v: Wrap,
+    /// `magFilter` NEAREST: texels are squares; else bilinear.
+    pub nearest: bool,
+}
+
+/// glTF wrap mode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wrap {
+    /// REPEAT
+    #[default]
+    Repeat,
+    /// CLAMP_TO_EDGE
+    Clamp,
+    /// MIRRORED_REPEAT
+    Mirror,
+}
+
+/// An encoded image. Size and format have been read from its header; pixels are decoded when a picture needs them.
+#[derive(Debug, Clone)]
+pub struct Image {
+    /// Encoded bytes.
+    pub bytes: Arc<[u8]>,
+    /// Place in the file, for errors: `/images/3`.
+    pub pointer: String,
+}
+
+/// A glTF camera; it looks along -Z of its node.
+#[derive(Debug, Clone)]
+pub struct Camera {
+    /// Name in the file.
+    pub name: Option<String>,
+    /// Its lens.
+    pub projection: Projection,
+}
+
+/// Lens of a camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Projection {
+    /// Vertical field of view in radians.
+    Perspective {
+        /// Radians.
+        yfov: f64,
+    },
+    /// Half height of the picture in scene units.
+    Orthographic {
+        /// Scene units.
+        ymag: f64,
+    },
+}
+
+/// A light of KHR_lights_punctual; it shines along -Z of its node.
+#[derive(Debug, Clone)]
+pub struct Light {
+    /// Name in the file.
+    pub name: Option<String>,
+    /// Linear colour times intensity: candela (point, spot) or lux (directional).
+    pub intensity: Vec3,
+    /// Distance of the cut-off; none: infinite.
+    pub range: Option<f32>,
+    /// Its shape.
+    pub kind: LightKind,
+}
+
+/// Shape of a punctual light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LightKind {
+    /// Parallel light.
+    Directional,
+    /// To all sides.
+    Point,
+    /// Within a cone; half angles in radians.
+    Spot {
+        /// Full light within.
+        inner_cone: f32,
+        /// No light beyond.
+        outer_cone: f32,
+    },
+}
+
+/// An extension that the file uses.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct ExtensionUse {
+    /// `KHR_...`
+    pub name: String,
+    /// Whether the picture shows it.
+    pub honoured: bool,
+    /// What is lost if not.
+    pub note: Option<String>,
+}
+
+/// Something the user should know; never silent.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Warning {
+    /// Stable identifier, like `extension_ignored`.
+    pub code: &'static str,
+    /// JSON pointer into the glTF.
+    pub pointer: String,
+    /// What is lost and why.
+    pub detail: String,
+}
+
+/// Why a scene cannot be read.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{pointer}: {detail}")]
+pub struct SceneError {
+    /// Which status the fault deserves.
+    pub kind: SceneErrorKind,
+    /// Stable identifier, like `accessor_out_of_bounds`.
+    pub code: &'static str,
+    /// JSON pointer into the glTF (or empty: the file as a whole).
+    pub pointer: String,
+    /// What, why, how to fix.
+    pub detail: String,
+}
+
+/// Class of a [`SceneError`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SceneErrorKind {
+    /// Not a glTF at all, or cut off (400).
+    Malformed,
+    /// Well-formed, but invalid or needing what is not supported (422).
+    Invalid,
+    /// Beyond a limit (413).
+    TooLarge,
+}
