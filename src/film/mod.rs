@@ -1,5 +1,11 @@
 //! From samples to a file: accumulation in replicates, the measured error, tone mapping, encoders.
 
+mod error;
+
+pub use error::ErrorEstimate;
+
+use rayon::prelude::*;
+
 /// Independent estimates of the picture that the film keeps apart, to measure its error.
 pub const REPLICATES: usize = 4;
 
@@ -27,11 +33,22 @@ impl Film {
         let (count, plane) = &mut self.replicates[replicate];
         assert_eq!(plane.len(), sums.len(), "a pass covers all pixels");
         *count += samples;
-        for (total, sum) in plane.iter_mut().zip(sums) {
+        plane.par_iter_mut().zip(sums).for_each(|(total, sum)| {
             for (t, s) in total.iter_mut().zip(sum) {
                 *t += f64::from(*s);
             }
-        }
+        });
+    }
+
+    /// The mean of all samples; black and empty while there are none.
+    pub fn picture(&self) -> Picture {
+        let per_sample = 1.0 / f64::from(self.samples().max(1));
+        let mean = |pixel: usize| {
+            let sum = |channel: usize| self.replicates.iter().map(|(_, plane)| plane[pixel][channel]).sum::<f64>();
+            std::array::from_fn(|channel| (sum(channel) * per_sample) as f32)
+        };
+        let pixels = (0..self.width as usize * self.height as usize).into_par_iter().map(mean).collect();
+        Picture { width: self.width, height: self.height, pixels }
     }
 
     /// Samples per pixel of one replicate.
@@ -53,4 +70,15 @@ impl Film {
     pub fn height(&self) -> u32 {
         self.height
     }
+}
+
+/// A picture as light: not yet exposed, tone mapped or encoded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Row by row from the top: radiance in linear Rec. 709, premultiplied by coverage, and coverage (0 to 1).
+    pub pixels: Vec<[f32; 4]>,
 }

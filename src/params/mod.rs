@@ -6,7 +6,6 @@
 mod parse;
 mod validate;
 
-
 pub use validate::FieldError;
 
 use serde::{Deserialize, Serialize};

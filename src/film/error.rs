@@ -1,0 +1,283 @@
+//! The measured error of a film; `docs/accuracy.md` defines it.
+
+use super::{Film, REPLICATES};
+use rayon::prelude::*;
+
+/// Side in pixels of the blocks whose mean radiance an error is relative to.
+const BLOCK: usize = 8;
+
+/// Part of the picture's typical radiance below which errors no longer count more for being in the dark.
+const DARK: f64 = 0.1;
+
+/// 95 % quantile of the normal distribution.
+const Z_95: f64 = 1.644_853_626_951_473;
+
+/// How far the picture is from the truth, measured from the spread of its replicates.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct ErrorEstimate {
+    /// Root mean square error relative to the local radiance.
+    pub relative_rms: f64,
+    /// The error is below this with 95 % confidence.
+    pub upper_bound_95: f64,
+}
+
+/// Sums over the pixels of one block.
+#[derive(Clone, Copy, Default)]
+struct Block {
+    pixels: f64,
+    /// Of the pixels' radiance, mean of the channels.
+    radiance: f64,
+    /// Of the pixels' variances, mean of the channels.
+    variance: f64,
+    variance_squared: f64,
+}
+
+impl Film {
+    /// The error of [`Film::picture`]; none while fewer than two replicates have samples.
+    pub fn error(&self) -> Option<ErrorEstimate> {
+        let used = self.replicates.iter().filter(|(samples, _)| *samples > 0).count();
+        if used < 2 {
+            return None;
+        }
+        let blocks = self.blocks(used);
+        let typical = typical_radiance(&blocks);
+        let mut pixels = 0.0;
+        let mut sum = 0.0;
+        let mut sum_of_squares = 0.0;
+        for block in &blocks {
+            pixels += block.pixels;
+            let scale = (block.radiance / block.pixels).powi(2) + (DARK * typical).powi(2);
+            if block.variance > 0.0 && scale > 0.0 {
+                sum += block.variance / scale;
+                sum_of_squares += block.variance_squared / (scale * scale);
+            }
+        }
+        if sum == 0.0 {
+            return Some(ErrorEstimate { relative_rms: 0.0, upper_bound_95: 0.0 });
+        }
+        let relative_rms = (sum / pixels).sqrt();
+        // Welch-Satterthwaite: of how many equal, independent, normal pixels would the sum spread as much?
+        let effective_pixels = sum * sum / sum_of_squares;
+        let bound = f_quantile_95(effective_pixels, effective_pixels * (used - 1) as f64);
+        Some(ErrorEstimate { relative_rms, upper_bound_95: relative_rms * bound.sqrt() })
+    }
+
+    fn blocks(&self, used: usize) -> Vec<Block> {
+        let (width, height) = (self.width as usize, self.height as usize);
+        (0..height.div_ceil(BLOCK))
+            .into_par_iter()
+            .flat_map_iter(|row| {
+                let mut blocks = vec![Block::default(); width.div_ceil(BLOCK)];
+                for y in row * BLOCK..((row + 1) * BLOCK).min(height) {
+                    for x in 0..width {
+                        let (radiance, variance) = self.pixel_statistics(y * width + x, used);
+                        let block = &mut blocks[x / BLOCK];
+                        block.pixels += 1.0;
+                        block.radiance += radiance;
+                        block.variance += variance;
+                        block.variance_squared += variance * variance;
+                    }
+                }
+                blocks
+            })
+            .collect()
+    }
+
+    /// Mean of a pixel and variance of that mean, averaged over the channels. With `n_r` samples of mean `m_r` in
+    /// replicate r, `n` in all and mean m, the variance is `sum_r n_r (m_r - m)^2 / ((used - 1) n)`.
+    fn pixel_statistics(&self, pixel: usize, used: usize) -> (f64, f64) {
+        let mut sums = [0.0; 3];
+        let mut squares = [0.0; 3];
+        let mut samples = 0.0;
+        for (count, plane) in &self.replicates {
+            if *count == 0 {
+                continue;
+            }
+            let count = f64::from(*count);
+            samples += count;
+            for channel in 0..3 {
+                let sum = plane[pixel][channel];
+                sums[channel] += sum;
+                squares[channel] += sum * sum / count;
+            }
+        }
+        let mut radiance = 0.0;
+        let mut variance = 0.0;
+        for channel in 0..3 {
+            radiance += sums[channel] / samples;
+            // The difference cancels to rounding noise where replicates agree: what is below that noise is zero.
+            let spread = squares[channel] - sums[channel] * sums[channel] / samples;
+            if spread > squares[channel] * (REPLICATES as f64 * f64::EPSILON) {
+                variance += spread / ((used - 1) as f64 * samples);
+            }
+        }
+        (radiance / 3.0, variance / 3.0)
+    }
+}
+
+/// Median over the blocks that are not black of their mean radiance: unlike a mean, not moved by a lamp in the picture.
+fn typical_radiance(blocks: &[Block]) -> f64 {
+    let mut means: Vec<f64> = blocks.iter().map(|b| b.radiance / b.pixels).filter(|&mean| mean > 0.0).collect();
+    if means.is_empty() {
+        return 0.0;
+    }
+    let middle = means.len() / 2;
+    *means.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// 95 % quantile of the F distribution: Paulson 1942, "An Approximate Normalization of the Analysis of Variance
+/// Distribution", solved for F. Good to a few per cent for `d2 >= 3`, and too high below that.
+fn f_quantile_95(d1: f64, d2: f64) -> f64 {
+    let (a, b) = (2.0 / (9.0 * d2), 2.0 / (9.0 * d1));
+    let quadratic = (1.0 - a).powi(2) - Z_95 * Z_95 * a;
+    let linear = (1.0 - a) * (1.0 - b);
+    let constant = (1.0 - b).powi(2) - Z_95 * Z_95 * b;
+    ((linear + (linear * linear - quadratic * constant).sqrt()) / quadratic).powi(3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// SplitMix64 (Steele, Lea, Flood 2014).
+    struct Random(u64);
+
+    impl Random {
+        fn uniform(&mut self) -> f64 {
+            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let mut z = self.0;
+            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            (((z ^ (z >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+        }
+
+        fn normal(&mut self) -> f64 {
+            (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+        }
+    }
+
+    /// Noise of mean 1 that a sample is multiplied with.
+    type Noise = fn(&mut Random) -> f64;
+
+    fn gaussian(random: &mut Random) -> f64 {
+        1.0 + random.normal()
+    }
+
+    /// Long-tailed, like paths that seldom find a light: e^(sigma x - sigma^2 / 2), sigma = 1.2.
+    fn log_normal(random: &mut Random) -> f64 {
+        (1.2 * random.normal() - 0.72).exp()
+    }
+
+    /// A gradient with a black quarter and a small lamp.
+    fn truth(width: u32, height: u32) -> Vec<f64> {
+        let pixel = |x: u32, y: u32| match (x, y) {
+            (x, y) if x < width / 2 && y < height / 2 => 0.0,
+            (x, y) if x + 8 >= width && y + 8 >= height => 1e4,
+            _ => 0.05 + f64::from(x) / f64::from(width),
+        };
+        (0..height).flat_map(|y| (0..width).map(move |x| pixel(x, y))).collect()
+    }
+
+    fn noisy(size: (u32, u32), samples: [u32; REPLICATES], noise: Noise, seed: u64) -> Film {
+        let mut random = Random(seed);
+        let mut film = Film::new(size.0, size.1);
+        let truth = truth(size.0, size.1);
+        for (replicate, &count) in samples.iter().enumerate() {
+            let mut sample = |r: f64| (0..count).map(|_| (r * noise(&mut random)) as f32).sum::<f32>();
+            let sums: Vec<[f32; 4]> = truth.iter().map(|&r| [sample(r), sample(r), sample(r), count as f32]).collect();
+            if count > 0 {
+                film.add(replicate, count, &sums);
+            }
+        }
+        film
+    }
+
+    /// The definition in docs/accuracy.md, word by word, with the truth at hand.
+    fn true_error(film: &Film) -> f64 {
+        let (width, height) = (film.width() as usize, film.height() as usize);
+        let truth = truth(film.width(), film.height());
+        let picture = film.picture();
+        let mut blocks: Vec<(f64, f64, f64)> = Vec::new();
+        for top in (0..height).step_by(8) {
+            for left in (0..width).step_by(8) {
+                let (mut n, mut radiance, mut squares) = (0.0, 0.0, 0.0);
+                for y in top..(top + 8).min(height) {
+                    for x in left..(left + 8).min(width) {
+                        let r = truth[y * width + x];
+                        let pixel = picture.pixels[y * width + x];
+                        n += 1.0;
+                        radiance += r;
+                        squares += (0..3).map(|c| (f64::from(pixel[c]) - r).powi(2)).sum::<f64>() / 3.0;
+                    }
+                }
+                blocks.push((n, radiance / n, squares));
+            }
+        }
+        let mut means: Vec<f64> = blocks.iter().map(|b| b.1).filter(|&m| m > 0.0).collect();
+        means.sort_by(f64::total_cmp);
+        let typical = means[means.len() / 2];
+        let pixels: f64 = blocks.iter().map(|b| b.0).sum();
+        (blocks.iter().map(|b| b.2 / (b.1 * b.1 + 0.01 * typical * typical)).sum::<f64>() / pixels).sqrt()
+    }
+
+    #[test]
+    fn the_stated_error_is_the_true_error() {
+        for (noise, tolerance) in [(gaussian as Noise, 0.02), (log_normal, 0.05)] {
+            for samples in [[1; 4], [4; 4], [16, 16, 8, 8], [9, 9, 0, 9]] {
+                let film = noisy((160, 100), samples, noise, 7);
+                let (stated, real) = (film.error().unwrap().relative_rms, true_error(&film));
+                assert!((stated / real - 1.0).abs() < tolerance, "{samples:?}: stated {stated}, true {real}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_bound_holds_in_95_of_100_renders() {
+        for (name, noise) in [("gaussian", gaussian as Noise), ("log-normal", log_normal)] {
+            for (size, samples) in [((1, 1), 8), ((3, 3), 4), ((16, 16), 4), ((64, 48), 2)] {
+                let trials = 400;
+                let held = (0..trials)
+                    .filter(|&trial| {
+                        let film = noisy(size, [samples; 4], noise, 1000 + trial);
+                        true_error(&film) <= film.error().unwrap().upper_bound_95
+                    })
+                    .count();
+                let share = held as f64 / trials as f64;
+                println!("{name} {size:?} x {samples}: {share}");
+                assert!(share >= 0.95, "{name} noise, {size:?} pixels: the bound held in {share} of the renders");
+            }
+        }
+    }
+
+    #[test]
+    fn exposure_does_not_change_the_error() {
+        let error = |exposure: f32| {
+            let mut film = Film::new(16, 16);
+            for replicate in 0..REPLICATES {
+                let value = exposure * (1.0 + 0.1 * replicate as f32);
+                film.add(replicate, 1, &[[value, value, value, 1.0]; 256]);
+            }
+            film.error().unwrap().relative_rms
+        };
+        assert!((error(1.0) / error(1024.0) - 1.0).abs() < 1e-6);
+        assert!((error(1.0) / error(1e-6) - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn agreement_and_blackness_are_no_error() {
+        let mut film = Film::new(9, 9);
+        assert_eq!(film.error(), None);
+        film.add(0, 3, &[[0.3, 0.6, 0.9, 3.0]; 81]);
+        assert_eq!(film.error(), None, "one replicate has no spread");
+        film.add(1, 3, &[[0.3, 0.6, 0.9, 3.0]; 81]);
+        assert_eq!(film.error(), Some(ErrorEstimate { relative_rms: 0.0, upper_bound_95: 0.0 }));
+    }
+
+    #[test]
+    fn quantiles_of_f_are_those_of_the_tables() {
+        for (d1, d2, table) in [(1.0, 3.0, 10.13), (3.0, 9.0, 3.86), (10.0, 30.0, 2.16), (40.0, 120.0, 1.50)] {
+            let ours = f_quantile_95(d1, d2);
+            assert!((ours / table - 1.0).abs() < 0.05, "F({d1}, {d2}) = {table}, here {ours}");
+        }
+    }
+}
