@@ -1,7 +1,10 @@
 //! From samples to a file: accumulation in replicates, the measured error, tone mapping, encoders.
 
+mod encode;
 mod error;
+pub mod tone_mapping;
 
+pub use encode::{EncodeError, encode, max_side};
 pub use error::ErrorEstimate;
 
 use rayon::prelude::*;
