@@ -47,19 +47,10 @@ pub fn encode(
     }
 }
 
-/// Longest side that the format can hold.
-pub fn max_side(format: ImageFormat) -> u32 {
-    match format {
-        ImageFormat::Webp => 1 << 14,
-        ImageFormat::Jpeg => u32::from(u16::MAX),
-        ImageFormat::Png | ImageFormat::Exr => i32::MAX as u32,
-    }
-}
-
 fn check_format(picture: &Picture, params: &RenderParams, format: ImageFormat) -> Result<(), EncodeError> {
     let side = picture.width.max(picture.height);
-    if side > max_side(format) {
-        let most = max_side(format);
+    let most = format.max_side();
+    if side > most {
         return Err(EncodeError::Unsupported(format!(
             "a side of {side} pixels is beyond the {most} that the format allows: ask for PNG or EXR"
         )));

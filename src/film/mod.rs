@@ -4,7 +4,7 @@ mod encode;
 mod error;
 pub mod tone_mapping;
 
-pub use encode::{EncodeError, encode, max_side};
+pub use encode::{EncodeError, encode};
 pub use error::ErrorEstimate;
 
 use rayon::prelude::*;

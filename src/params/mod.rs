@@ -3,10 +3,15 @@
 //! Pure data: this room knows nothing of scenes, devices or HTTP. Unknown fields are refused by name.
 //! Angles are in degrees where the name says so, lengths in scene units, colours linear Rec. 709.
 
+mod biases;
+mod lights;
 mod parse;
+mod query;
 mod validate;
 
-pub use validate::FieldError;
+pub use lights::{LightParams, SpotFalloff};
+pub use parse::{from_json, from_json_and_query, from_query};
+pub use validate::{FieldError, ParamLimits};
 
 use serde::{Deserialize, Serialize};
 
@@ -168,82 +173,6 @@ impl Default for OrbitParams {
     }
 }
 
-/// A light of the request; units of KHR_lights_punctual.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-pub enum LightParams {
-    /// Sends light to all sides from a point. Intensity in candela.
-    Point {
-        /// World space.
-        position: [f64; 3],
-        /// Linear colour, multiplied by the intensity.
-        #[serde(default = "white")]
-        color: [f32; 3],
-        /// Candela.
-        #[serde(default = "one")]
-        intensity: f32,
-        /// Distance at which the light is cut off smoothly; none: infinite.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        range: Option<f32>,
-    },
-    /// A point light within a cone. Intensity in candela.
-    Spot {
-        /// World space.
-        position: [f64; 3],
-        /// Direction that the light shines in; need not be of unit length.
-        direction: [f64; 3],
-        /// Linear colour, multiplied by the intensity.
-        #[serde(default = "white")]
-        color: [f32; 3],
-        /// Candela.
-        #[serde(default = "one")]
-        intensity: f32,
-        /// Distance at which the light is cut off smoothly; none: infinite.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        range: Option<f32>,
-        /// Half angle of full light.
-        #[serde(default)]
-        inner_cone_degrees: f32,
-        /// Half angle of no light.
-        #[serde(default = "outer_cone")]
-        outer_cone_degrees: f32,
-        /// Curve between the two cones.
-        #[serde(default)]
-        falloff: SpotFalloff,
-    },
-    /// Parallel light from infinity. Intensity in lux.
-    Directional {
-        /// Direction that the light shines in.
-        direction: [f64; 3],
-        /// Linear colour, multiplied by the intensity.
-        #[serde(default = "white")]
-        color: [f32; 3],
-        /// Lux.
-        #[serde(default = "one")]
-        intensity: f32,
-    },
-    /// The same radiance from all sides, not seen by the camera.
-    Ambient {
-        /// Linear colour, multiplied by the intensity.
-        #[serde(default = "white")]
-        color: [f32; 3],
-        /// Radiance, cd/m2.
-        #[serde(default = "one")]
-        intensity: f32,
-    },
-}
-
-/// Curve of a spot light between its inner and outer cone.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SpotFalloff {
-    /// Linear in the cosine, then squared (KHR_lights_punctual).
-    #[default]
-    Gltf,
-    /// Linear in the angle.
-    Linear,
-}
-
 /// What the request says about the environment.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum EnvironmentChoice {
@@ -396,14 +325,13 @@ pub enum ImageFormat {
     Jpeg,
 }
 
-fn white() -> [f32; 3] {
-    [1.0; 3]
-}
-
-fn one() -> f32 {
-    1.0
-}
-
-fn outer_cone() -> f32 {
-    45.0
+impl ImageFormat {
+    /// Longest side in pixels that the format can hold.
+    pub fn max_side(self) -> u32 {
+        match self {
+            Self::Webp => 1 << 14,
+            Self::Jpeg => u32::from(u16::MAX),
+            Self::Png | Self::Exr => i32::MAX as u32,
+        }
+    }
 }

@@ -1,1 +1,294 @@
-//! Text -> [`RenderParams`].
+//! JSON and query strings -> [`RenderParams`].
+
+use super::query::overlay;
+use super::{FieldError, RenderParams};
+use serde_json::{Map, Value, json};
+use serde_path_to_error::Segment;
+
+/// Faults after which reading is given up.
+const MAX_FAULTS: usize = 32;
+
+/// Reads parameters from a JSON object; absent fields have their defaults.
+///
+/// # Errors
+/// One fault per top-level field and per light, with its JSON pointer. Ranges are not checked here:
+/// [`RenderParams::validate`] does.
+pub fn from_json(json: &str) -> Result<RenderParams, Vec<FieldError>> {
+    from_json_and_query(json, [])
+}
+
+/// Reads parameters from pairs like those of `?width=640&tone_mapping=agx&camera.yfov_degrees=30`.
+///
+/// A name is a field, or a path of fields and list places with dots between (`camera.position`, `lights.0.intensity`). A
+/// value is JSON if it parses as JSON, else a string: `environment={"constant":[1,1,1]}`, `environment=null`,
+/// `camera.position=[0,1,4]`, `output.format=exr`.
+///
+/// # Errors
+/// As [`from_json`], and names that are given twice or lead nowhere.
+pub fn from_query<'a>(pairs: impl IntoIterator<Item = (&'a str, &'a str)>) -> Result<RenderParams, Vec<FieldError>> {
+    from_json_and_query("{}", pairs)
+}
+
+/// Reads parameters from a JSON object, over which pairs as of [`from_query`] have precedence.
+///
+/// # Errors
+/// As [`from_json`] and [`from_query`].
+pub fn from_json_and_query<'a>(
+    json: &str,
+    pairs: impl IntoIterator<Item = (&'a str, &'a str)>,
+) -> Result<RenderParams, Vec<FieldError>> {
+    let mut value: Value = serde_json::from_str(json)
+        .map_err(|error| vec![FieldError::new("/params", format!("not valid JSON: {error}"))])?;
+    if !value.is_object() {
+        return Err(vec![FieldError::new("/params", "must be a JSON object, like {\"width\": 640}")]);
+    }
+    overlay(&mut value, pairs)?;
+    from_value(value)
+}
+
+/// Reads; on a fault, notes it, takes what is at fault away and reads again, so that all faults are found.
+fn from_value(mut value: Value) -> Result<RenderParams, Vec<FieldError>> {
+    let mut faults = Vec::new();
+    loop {
+        let fault = match serde_path_to_error::deserialize(&value) {
+            Ok(params) if faults.is_empty() => return Ok(params),
+            Ok(_) => return Err(faults),
+            Err(error) => Fault::new(&error),
+        };
+        let removed = fault.remove_from(&mut value);
+        faults.push(fault.error);
+        if !removed || faults.len() == MAX_FAULTS {
+            return Err(faults);
+        }
+    }
+}
+
+struct Fault {
+    path: Vec<String>,
+    is_unknown_field: bool,
+    error: FieldError,
+}
+
+impl Fault {
+    fn new(error: &serde_path_to_error::Error<serde_json::Error>) -> Self {
+        let mut path: Vec<String> = error.path().iter().filter_map(name).collect();
+        let message = error.inner().to_string();
+        let is_unknown_field = message.starts_with("unknown field");
+        // serde places these at the object that they were looked for in.
+        if (is_unknown_field || message.starts_with("missing field"))
+            && let Some(field) = quoted(&message).next()
+            && path.last().is_none_or(|last| last != field)
+        {
+            path.push(field.to_owned());
+        }
+        let pointer = path.iter().fold("/params".to_owned(), |pointer, name| pointer + "/" + &escaped(name));
+        Self { path, is_unknown_field, error: FieldError::new(pointer, explain(&message)) }
+    }
+
+    /// Takes the fault away: an unknown field by itself, else the light or the top-level field that it lies in.
+    fn remove_from(&self, value: &mut Value) -> bool {
+        let Some(object) = value.as_object_mut() else { return false };
+        match self.path.as_slice() {
+            [field] => object.shift_remove(field).is_some(),
+            [field, light, ..] if field == "lights" => replace_light(object, light),
+            [parents @ .., field] if self.is_unknown_field => {
+                let parent = parents.iter().try_fold(value, |value, name| value.get_mut(name.as_str()));
+                parent.and_then(Value::as_object_mut).is_some_and(|parent| parent.shift_remove(field).is_some())
+            }
+            [field, ..] => object.shift_remove(field).is_some(),
+            [] => false,
+        }
+    }
+}
+
+/// Puts a faultless light in the place of a faulty one, so that the others keep their indices.
+fn replace_light(object: &mut Map<String, Value>, index: &str) -> bool {
+    let light = object.get_mut("lights").and_then(Value::as_array_mut).zip(index.parse().ok());
+    light.and_then(|(lights, index): (_, usize)| lights.get_mut(index)).is_some_and(|light| {
+        *light = json!({"type": "ambient"});
+        true
+    })
+}
+
+fn name(segment: &Segment) -> Option<String> {
+    match segment {
+        Segment::Seq { index } => Some(index.to_string()),
+        Segment::Map { key } => Some(key.clone()),
+        Segment::Enum { variant } => Some(variant.clone()),
+        Segment::Unknown => None,
+    }
+}
+
+/// RFC 6901.
+fn escaped(name: &str) -> String {
+    name.replace('~', "~0").replace('/', "~1")
+}
+
+/// Rust's words turned into those of JSON, with the nearest name where a name is wrong.
+fn explain(message: &str) -> String {
+    let mut text = message
+        .replace("expected struct RenderParams", "expected an object")
+        .replace("expected u32", "expected a whole number from 0 to 4294967295")
+        .replace("expected u64", "expected a whole number, not negative")
+        .replace("expected usize", "expected a whole number, not negative")
+        .replace("expected u8", "expected a whole number from 0 to 255")
+        .replace("expected f32", "expected a number")
+        .replace("expected f64", "expected a number");
+    if let Some(start) = text.find("expected struct ") {
+        text.replace_range(start.., "expected an object");
+    }
+    if message.starts_with("unknown field") || message.starts_with("unknown variant") {
+        let mut names = quoted(message);
+        if let Some(wrong) = names.next()
+            && let Some(near) = nearest(wrong, names)
+        {
+            text = format!("{text}. Did you mean `{near}`?");
+        }
+    }
+    text
+}
+
+/// The words between backticks.
+fn quoted(message: &str) -> impl Iterator<Item = &str> {
+    message.split('`').skip(1).step_by(2)
+}
+
+/// The name that a typing mistake could have turned into `wrong`.
+fn nearest<'a>(wrong: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let scored = names.map(|name| (strsim::jaro_winkler(wrong, name), name));
+    scored.filter(|(likeness, _)| *likeness > 0.75).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, name)| name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::params::{EnvironmentChoice, LightParams, ToneMapping};
+
+    fn faults(json: &str) -> Vec<(String, String)> {
+        from_json(json).unwrap_err().into_iter().map(|fault| (fault.pointer, fault.detail)).collect()
+    }
+
+    fn only_fault(json: &str) -> (String, String) {
+        let mut faults = faults(json);
+        assert_eq!(faults.len(), 1, "{faults:?}");
+        faults.remove(0)
+    }
+
+    #[test]
+    fn absent_fields_have_their_defaults() {
+        assert_eq!(from_json("{}").unwrap(), RenderParams::default());
+        let params = from_json(r#"{"width": 640, "camera": {"position": [0, 1, 4]}}"#).unwrap();
+        assert_eq!((params.width, params.height), (640, 500));
+        assert_eq!(params.camera.unwrap().up, [0.0, 1.0, 0.0]);
+    }
+
+    #[test]
+    fn an_environment_is_absent_null_or_given() {
+        let environment = |json| from_json(json).unwrap().environment;
+        assert_eq!(environment("{}"), EnvironmentChoice::Auto);
+        assert_eq!(environment(r#"{"environment": null}"#), EnvironmentChoice::None);
+        let given = environment(r#"{"environment": {"constant": [1, 1, 1]}}"#);
+        assert!(matches!(given, EnvironmentChoice::Given(e) if e.constant == Some([1.0; 3])));
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let json = r#"{"lights": [{"type": "spot", "position": [0, 3, 0], "direction": [0, -1, 0], "range": 4},
+            {"type": "directional", "direction": [1, -1, 0]}, {"type": "ambient"}, {"type": "point", "position": [1, 1, 1]}],
+            "environment": null, "camera": {"orbit": {"azimuth_degrees": 10}}, "tone_mapping": "pbr_neutral"}"#;
+        let params = from_json(json).unwrap();
+        assert!(matches!(params.lights[0], LightParams::Spot { outer_cone_degrees: 45.0, range: Some(4.0), .. }));
+        assert_eq!(from_json(&serde_json::to_string(&params).unwrap()).unwrap(), params);
+        let defaults = RenderParams::default();
+        assert_eq!(from_json(&serde_json::to_string(&defaults).unwrap()).unwrap(), defaults);
+    }
+
+    #[test]
+    fn faults_name_their_place() {
+        let at = |json| only_fault(json).0;
+        assert_eq!(at(r#"{"width": "wide"}"#), "/params/width");
+        assert_eq!(
+            at(r#"{"lights": [{"type": "ambient"}, {"type": "ambient", "intensity": "x"}]}"#),
+            "/params/lights/1/intensity"
+        );
+        assert_eq!(at(r#"{"lights": [{"type": "point"}]}"#), "/params/lights/0/position");
+        assert_eq!(at(r#"{"lights": [{"type": "ambient", "range": 2}]}"#), "/params/lights/0/range");
+        assert_eq!(at(r#"{"lights": [{"type": "lamp"}]}"#), "/params/lights/0/type");
+        assert_eq!(at(r#"{"lights": [{"position": [0, 0, 0]}]}"#), "/params/lights/0/type");
+        assert_eq!(at(r#"{"camera": {"position": [1, "a", 3]}}"#), "/params/camera/position/1");
+        assert_eq!(at(r#"{"camera": {"position": [1, 3]}}"#), "/params/camera/position");
+        assert_eq!(at(r#"{"environment": {"gradient": {"top": [1, 1, 1]}}}"#), "/params/environment/gradient/horizon");
+        assert_eq!(at(r#"{"a/b~": 1}"#), "/params/a~1b~0");
+        assert_eq!(at("[1]"), "/params");
+        assert_eq!(at(r#"{"width": 1"#), "/params");
+    }
+
+    #[test]
+    fn unknown_names_are_refused_with_the_nearest() {
+        let (pointer, detail) = only_fault(r#"{"widht": 640}"#);
+        assert_eq!(pointer, "/params/widht");
+        assert!(detail.ends_with("Did you mean `width`?"), "{detail}");
+        let (pointer, detail) = only_fault(r#"{"camera": {"fov_degrees": 40}}"#);
+        assert_eq!(pointer, "/params/camera/fov_degrees");
+        assert!(detail.ends_with("Did you mean `yfov_degrees`?"), "{detail}");
+        let (pointer, detail) = only_fault(r#"{"tone_mapping": "pbr-neutral"}"#);
+        assert_eq!(pointer, "/params/tone_mapping");
+        assert!(detail.ends_with("Did you mean `pbr_neutral`?"), "{detail}");
+        assert!(!only_fault(r#"{"qqq": 1}"#).1.contains("Did you mean"));
+    }
+
+    #[test]
+    fn all_faults_come_at_once() {
+        let faults = faults(
+            r#"{"widht": 1, "height": -5, "seed": 1.5, "camera": {"foo": 1, "bar": 2, "up": 3}, "lights": [{"type": "point"},
+            {"type": "ambient"}, {"type": "spot", "position": [0, 0, 0], "colour": [1, 1, 1]}], "filter": []}"#,
+        );
+        let mut pointers: Vec<&str> = faults.iter().map(|fault| fault.0.as_str()).collect();
+        pointers.sort_unstable();
+        let expected = [
+            "/params/camera/bar",
+            "/params/camera/foo",
+            "/params/camera/up",
+            "/params/height",
+            "/params/lights/0/position",
+            "/params/lights/2/colour",
+            "/params/seed",
+            "/params/widht",
+        ];
+        assert_eq!(pointers, expected);
+    }
+
+    #[test]
+    fn numbers_are_named_as_numbers() {
+        assert!(only_fault(r#"{"height": -5}"#).1.contains("expected a whole number from 0"));
+        assert!(only_fault(r#"{"exposure": "high"}"#).1.contains("expected a number"));
+        assert!(only_fault(r#"{"camera": 3}"#).1.ends_with("expected an object"));
+    }
+
+    #[test]
+    fn a_query_says_the_same_as_json() {
+        let query = from_query([
+            ("width", "640"),
+            ("tone_mapping", "agx"),
+            ("environment", r#"{"constant": [1, 1, 1]}"#),
+            ("environment.intensity", "2"),
+            ("camera.yfov_degrees", "30"),
+            ("camera.name", "42"),
+            ("lights.0.type", "point"),
+            ("lights.0.position", "[1, 2, 3]"),
+        ])
+        .unwrap();
+        let json = r#"{"width": 640, "tone_mapping": "agx", "environment": {"constant": [1, 1, 1], "intensity": 2},
+            "camera": {"yfov_degrees": 30, "name": "42"}, "lights": [{"type": "point", "position": [1, 2, 3]}]}"#;
+        assert_eq!(query, from_json(json).unwrap());
+        assert_eq!(query.tone_mapping, ToneMapping::Agx);
+    }
+
+    #[test]
+    fn a_query_overrides_json() {
+        let json = r#"{"width": 640, "lights": [{"type": "ambient"}, {"type": "ambient"}]}"#;
+        let params = from_json_and_query(json, [("width", "320"), ("lights.1.intensity", "7")]).unwrap();
+        assert_eq!(params.width, 320);
+        assert!(matches!(params.lights[1], LightParams::Ambient { intensity: 7.0, .. }));
+    }
+}

@@ -1,5 +1,17 @@
 //! Ranges and combinations of parameters.
 
+use super::{
+    CameraParams, EnvironmentChoice, EnvironmentParams, Filter, ImageFormat, LightParams, OrbitParams, OutputParams,
+    RenderParams,
+};
+use glam::DVec3;
+
+/// Exposures beyond this many stops leave the range of f32.
+const MAX_STOPS: f32 = 64.0;
+
+/// Widest reconstruction filter, half width in pixels.
+const MAX_FILTER_RADIUS: f32 = 8.0;
+
 /// One fault of one field.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, serde::Serialize)]
 #[error("{pointer}: {detail}")]
@@ -8,4 +20,403 @@ pub struct FieldError {
     pub pointer: String,
     /// What, why, how to fix.
     pub detail: String,
+}
+
+impl FieldError {
+    /// A fault of the field at `pointer`.
+    pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self { pointer: pointer.into(), detail: detail.into() }
+    }
+}
+
+/// What one request may ask for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct ParamLimits {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Pixels in all.
+    pub pixels: u64,
+    /// Samples per pixel.
+    pub samples: u32,
+    /// Pixels x samples.
+    pub pixel_samples: u64,
+    /// Scattering events per path that may be asked for; unlimited is always allowed.
+    pub bounces: u32,
+    /// Lights of the request.
+    pub lights: usize,
+}
+
+impl Default for ParamLimits {
+    fn default() -> Self {
+        Self {
+            width: 16_384,
+            height: 16_384,
+            pixels: 16 << 20,
+            samples: 1 << 24,
+            pixel_samples: 1_000_000_000_000,
+            bounces: 100_000,
+            lights: 10_000,
+        }
+    }
+}
+
+impl RenderParams {
+    /// Whether every value is in its range and all of them go together.
+    ///
+    /// # Errors
+    /// All faults, each with its JSON pointer. What depends on the scene (indices, names) is not checked here.
+    pub fn validate(&self, limits: &ParamLimits) -> Result<(), Vec<FieldError>> {
+        let mut check = Check::default();
+        check.at("/params", |check| {
+            self.check_size(check, limits);
+            self.check_stopping(check, limits);
+            check.require(self.exposure.abs() <= MAX_STOPS, "exposure", || {
+                format!("must lie between -{MAX_STOPS} and {MAX_STOPS} stops")
+            });
+            check.at("filter", |check| check_filter(check, &self.filter));
+            check.at("output", |check| check_output(check, &self.output));
+            if let Some(camera) = &self.camera {
+                check.at("camera", |check| check_camera(check, camera));
+            }
+            if let EnvironmentChoice::Given(environment) = &self.environment {
+                check.at("environment", |check| check_environment(check, environment));
+            }
+            check.require(self.lights.len() <= limits.lights, "lights", || {
+                format!("at most {} lights are allowed here", limits.lights)
+            });
+            for (index, light) in self.lights.iter().enumerate() {
+                check.at(&format!("lights/{index}"), |check| check_light(check, light));
+            }
+        });
+        if check.faults.is_empty() { Ok(()) } else { Err(check.faults) }
+    }
+
+    fn check_size(&self, check: &mut Check, limits: &ParamLimits) {
+        let format_side = self.output.format.max_side();
+        for (name, side, most) in [("width", self.width, limits.width), ("height", self.height, limits.height)] {
+            let most = most.min(format_side);
+            check.require((1..=most).contains(&side), name, || {
+                format!("must lie between 1 and {most} pixels for this format, and is {side}")
+            });
+        }
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        check.require(pixels <= limits.pixels, "width", || {
+            format!("width x height is {pixels} pixels, more than the {} allowed here", limits.pixels)
+        });
+        let pixel_samples = pixels.saturating_mul(u64::from(self.max_samples));
+        check.require(pixel_samples <= limits.pixel_samples, "max_samples", || {
+            format!(
+                "width x height x max_samples is {pixel_samples}, more than the {} allowed here: ask for fewer samples, or a \
+                 smaller picture",
+                limits.pixel_samples
+            )
+        });
+    }
+
+    fn check_stopping(&self, check: &mut Check, limits: &ParamLimits) {
+        check.require((1..=limits.samples).contains(&self.max_samples), "max_samples", || {
+            format!("must lie between 1 and {}", limits.samples)
+        });
+        if let Some(target) = self.target_error {
+            check.require(target > 0.0 && target.is_finite(), "target_error", || {
+                "must be above 0, like 0.02 for an error of 2 %".to_owned()
+            });
+        }
+        check.require(self.deadline_ms != Some(0), "deadline_ms", || "must be at least 1".to_owned());
+        if let Some(bounces) = self.max_bounces {
+            check.require(bounces <= limits.bounces, "max_bounces", || {
+                format!("must be at most {}; leave it out for no limit at all", limits.bounces)
+            });
+        }
+    }
+}
+
+/// Faults so far, and the pointer to what is being looked at.
+#[derive(Default)]
+struct Check {
+    pointer: String,
+    faults: Vec<FieldError>,
+}
+
+impl Check {
+    /// Runs `body` one step down.
+    fn at(&mut self, name: &str, body: impl FnOnce(&mut Self)) {
+        let outer = self.pointer.len();
+        if !name.starts_with('/') {
+            self.pointer.push('/');
+        }
+        self.pointer.push_str(name);
+        body(self);
+        self.pointer.truncate(outer);
+    }
+
+    /// Notes a fault of the field `name`, or of the whole if that is empty, unless `holds`.
+    fn require(&mut self, holds: bool, name: &str, detail: impl FnOnce() -> String) {
+        if !holds {
+            let slash = if name.is_empty() { "" } else { "/" };
+            self.faults.push(FieldError::new(format!("{}{slash}{name}", self.pointer), detail()));
+        }
+    }
+
+    fn finite(&mut self, values: &[f64], name: &str) -> bool {
+        let finite = values.iter().all(|value| value.is_finite());
+        self.require(finite, name, || "must be finite".to_owned());
+        finite
+    }
+
+    /// Radiance, intensity and the like.
+    fn light(&mut self, values: &[f32], name: &str) {
+        self.require(values.iter().all(|&value| value >= 0.0 && value.is_finite()), name, || {
+            "must be finite and not negative".to_owned()
+        });
+    }
+
+    fn positive(&mut self, value: Option<f64>, name: &str) {
+        self.require(value.is_none_or(|value| value > 0.0 && value.is_finite()), name, || {
+            "must be finite and above 0; leave it out for the default".to_owned()
+        });
+    }
+
+    fn direction(&mut self, value: [f64; 3], name: &str) {
+        if self.finite(&value, name) {
+            self.require(DVec3::from(value).try_normalize().is_some(), name, || {
+                "is too short to be a direction: give it a length".to_owned()
+            });
+        }
+    }
+}
+
+fn check_filter(check: &mut Check, filter: &Filter) {
+    if let Some(radius) = filter.radius {
+        check.require(radius > 0.0 && radius <= MAX_FILTER_RADIUS, "radius", || {
+            format!("must be above 0 and at most {MAX_FILTER_RADIUS} pixels")
+        });
+    }
+}
+
+fn check_output(check: &mut Check, output: &OutputParams) {
+    check.require(matches!(output.bits, 8 | 16), "bits", || format!("must be 8 or 16, and is {}", output.bits));
+    check.require(output.bits != 16 || output.format == ImageFormat::Png, "bits", || {
+        "16 is for png only; exr always has 32-bit floats, webp and jpeg 8 bits".to_owned()
+    });
+    check.require(!(output.transparent && output.format == ImageFormat::Jpeg), "transparent", || {
+        "jpeg has no alpha: ask for png, webp or exr".to_owned()
+    });
+}
+
+fn check_camera(check: &mut Check, camera: &CameraParams) {
+    let of_the_scene = camera.index.is_some() || camera.name.is_some();
+    let ways = [camera.index.is_some(), camera.name.is_some(), camera.orbit.is_some(), camera.position.is_some()];
+    check.require(ways.into_iter().filter(|&way| way).count() <= 1, "", || {
+        "give only one of `index`, `name`, `orbit` and `position`".to_owned()
+    });
+    check.require(!(of_the_scene && camera.target.is_some()), "target", || {
+        "a camera of the scene has its own direction: leave it out, or give `position` or `orbit`".to_owned()
+    });
+    if let Some(orbit) = &camera.orbit {
+        check.at("orbit", |check| check_orbit(check, orbit));
+    }
+    check.direction(camera.up, "up");
+    let position = camera.position.filter(|position| check.finite(position, "position")).map(DVec3::from);
+    let target = camera.target.filter(|target| check.finite(target, "target")).map(DVec3::from);
+    if let (Some(position), Some(target)) = (position, target) {
+        check_sight(check, position, target, camera.up.into());
+    }
+    if let Some(yfov) = camera.yfov_degrees {
+        check.require(yfov > 0.0 && yfov < 180.0, "yfov_degrees", || "must lie between 0 and 180".to_owned());
+    }
+    check.require(camera.aperture_radius >= 0.0 && camera.aperture_radius.is_finite(), "aperture_radius", || {
+        "must be finite and not negative; 0 is a pinhole".to_owned()
+    });
+    check.positive(camera.focus_distance, "focus_distance");
+}
+
+fn check_sight(check: &mut Check, position: DVec3, target: DVec3, up: DVec3) {
+    let sight = (target - position).try_normalize();
+    check.require(sight.is_some(), "target", || "is where the camera is: move one of them".to_owned());
+    if let (Some(sight), Some(up)) = (sight, up.try_normalize()) {
+        check.require(sight.cross(up).length() > 1e-9, "up", || {
+            "is parallel to the line of sight: choose another direction".to_owned()
+        });
+    }
+}
+
+fn check_orbit(check: &mut Check, orbit: &OrbitParams) {
+    check.finite(&[orbit.azimuth_degrees], "azimuth_degrees");
+    check.require(orbit.elevation_degrees.abs() <= 90.0, "elevation_degrees", || {
+        "must lie between -90 and 90".to_owned()
+    });
+    check.positive(orbit.distance, "distance");
+}
+
+fn check_environment(check: &mut Check, environment: &EnvironmentParams) {
+    let kinds = [environment.hdri.is_some(), environment.constant.is_some(), environment.gradient.is_some()];
+    check.require(kinds.into_iter().filter(|&given| given).count() == 1, "", || {
+        "give exactly one of `hdri`, `constant` and `gradient`, or null for no environment".to_owned()
+    });
+    check.require(environment.hdri.as_deref() != Some(""), "hdri", || {
+        "must be a file name or the id of an image".to_owned()
+    });
+    check.light(&[environment.intensity], "intensity");
+    check.finite(&[environment.rotation_degrees], "rotation_degrees");
+    if let Some(constant) = &environment.constant {
+        check.light(constant, "constant");
+    }
+    if let Some(gradient) = &environment.gradient {
+        check.light(&gradient.top, "gradient/top");
+        check.light(&gradient.horizon, "gradient/horizon");
+        check.light(&gradient.bottom, "gradient/bottom");
+    }
+}
+
+fn check_light(check: &mut Check, light: &LightParams) {
+    match light {
+        LightParams::Point { position, color, intensity, range } => {
+            check.finite(position, "position");
+            check_emission(check, color, *intensity);
+            check.positive(range.map(f64::from), "range");
+        }
+        LightParams::Spot {
+            position,
+            direction,
+            color,
+            intensity,
+            range,
+            inner_cone_degrees: inner,
+            outer_cone_degrees: outer,
+            falloff: _,
+        } => {
+            check.finite(position, "position");
+            check.direction(*direction, "direction");
+            check_emission(check, color, *intensity);
+            check.positive(range.map(f64::from), "range");
+            check.require(*outer > 0.0 && *outer <= 90.0, "outer_cone_degrees", || {
+                "must be above 0 and at most 90".to_owned()
+            });
+            check.require(*inner >= 0.0 && inner < outer, "inner_cone_degrees", || {
+                "must be at least 0 and below `outer_cone_degrees`".to_owned()
+            });
+        }
+        LightParams::Directional { direction, color, intensity } => {
+            check.direction(*direction, "direction");
+            check_emission(check, color, *intensity);
+        }
+        LightParams::Ambient { color, intensity } => check_emission(check, color, *intensity),
+    }
+}
+
+fn check_emission(check: &mut Check, color: &[f32; 3], intensity: f32) {
+    check.light(color, "color");
+    check.light(&[intensity], "intensity");
+    if intensity.is_finite() && color.iter().all(|c| c.is_finite()) {
+        check.require(color.iter().all(|c| (c * intensity).is_finite()), "intensity", || {
+            "times the colour is beyond what a 32-bit float holds".to_owned()
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::params::from_json;
+
+    fn faults(json: &str) -> Vec<String> {
+        let faults = from_json(json).unwrap().validate(&ParamLimits::default());
+        faults.map_or_else(|faults| faults.into_iter().map(|fault| fault.pointer).collect(), |()| Vec::new())
+    }
+
+    #[test]
+    fn the_defaults_are_valid() {
+        assert!(faults("{}").is_empty());
+        assert!(faults(r#"{"camera": {}, "environment": null}"#).is_empty());
+    }
+
+    #[test]
+    fn every_range_is_checked() {
+        for (json, pointer) in [
+            (r#"{"width": 0}"#, "/params/width"),
+            (r#"{"height": 20000, "width": 1}"#, "/params/height"),
+            (r#"{"width": 16000, "height": 16000}"#, "/params/width"),
+            (r#"{"width": 4000, "height": 4000, "max_samples": 100000}"#, "/params/max_samples"),
+            (r#"{"max_samples": 0}"#, "/params/max_samples"),
+            (r#"{"target_error": 0}"#, "/params/target_error"),
+            (r#"{"deadline_ms": 0}"#, "/params/deadline_ms"),
+            (r#"{"max_bounces": 100001}"#, "/params/max_bounces"),
+            (r#"{"exposure": 65}"#, "/params/exposure"),
+            (r#"{"exposure": 1e300}"#, "/params/exposure"),
+            (r#"{"filter": {"radius": 0}}"#, "/params/filter/radius"),
+            (r#"{"filter": {"radius": 8.5}}"#, "/params/filter/radius"),
+            (r#"{"output": {"bits": 12}}"#, "/params/output/bits"),
+            (r#"{"output": {"bits": 16, "format": "webp"}}"#, "/params/output/bits"),
+            (r#"{"output": {"transparent": true, "format": "jpeg"}}"#, "/params/output/transparent"),
+        ] {
+            assert_eq!(faults(json), [pointer], "{json}");
+        }
+    }
+
+    #[test]
+    fn cameras_must_make_sense() {
+        for (camera, field) in [
+            (r#"{"index": 0, "name": "a"}"#, ""),
+            (r#"{"orbit": {}, "position": [0, 0, 1]}"#, ""),
+            (r#"{"index": 0, "target": [0, 0, 0]}"#, "/target"),
+            (r#"{"orbit": {"elevation_degrees": 91}}"#, "/orbit/elevation_degrees"),
+            (r#"{"orbit": {"distance": 0}}"#, "/orbit/distance"),
+            (r#"{"up": [0, 0, 0]}"#, "/up"),
+            (r#"{"position": [1, 2, 3], "target": [1, 2, 3]}"#, "/target"),
+            (r#"{"position": [0, 2, 0], "target": [0, 0, 0]}"#, "/up"),
+            (r#"{"yfov_degrees": 180}"#, "/yfov_degrees"),
+            (r#"{"yfov_degrees": 0}"#, "/yfov_degrees"),
+            (r#"{"aperture_radius": -1}"#, "/aperture_radius"),
+            (r#"{"focus_distance": 0}"#, "/focus_distance"),
+        ] {
+            assert_eq!(faults(&format!(r#"{{"camera": {camera}}}"#)), [format!("/params/camera{field}")], "{camera}");
+        }
+        assert!(faults(r#"{"camera": {"orbit": {"elevation_degrees": 90}, "target": [0, 1, 0]}}"#).is_empty());
+    }
+
+    #[test]
+    fn environments_are_of_one_kind() {
+        for (environment, field) in [
+            ("{}", ""),
+            (r#"{"constant": [1, 1, 1], "hdri": "a.hdr"}"#, ""),
+            (r#"{"hdri": ""}"#, "/hdri"),
+            (r#"{"constant": [1, -1, 1]}"#, "/constant"),
+            (r#"{"constant": [1, 1, 1], "intensity": -1}"#, "/intensity"),
+            (r#"{"gradient": {"top": [1, 1, 1], "horizon": [1, 1, -1], "bottom": [0, 0, 0]}}"#, "/gradient/horizon"),
+        ] {
+            let json = format!(r#"{{"environment": {environment}}}"#);
+            assert_eq!(faults(&json), [format!("/params/environment{field}")], "{environment}");
+        }
+    }
+
+    #[test]
+    fn lights_are_checked_each() {
+        for (light, field) in [
+            (r#"{"type": "point", "position": [0, 0, 0], "range": 0}"#, "/range"),
+            (r#"{"type": "ambient", "color": [1, 1, -0.5]}"#, "/color"),
+            (r#"{"type": "ambient", "intensity": -1}"#, "/intensity"),
+            (r#"{"type": "ambient", "intensity": 1e30, "color": [1e20, 0, 0]}"#, "/intensity"),
+            (r#"{"type": "directional", "direction": [0, 0, 0]}"#, "/direction"),
+            (
+                r#"{"type": "spot", "position": [0, 0, 0], "direction": [1, 0, 0], "outer_cone_degrees": 91}"#,
+                "/outer_cone_degrees",
+            ),
+            (
+                r#"{"type": "spot", "position": [0, 0, 0], "direction": [1, 0, 0], "inner_cone_degrees": 45}"#,
+                "/inner_cone_degrees",
+            ),
+        ] {
+            let json = format!(r#"{{"lights": [{{"type": "ambient"}}, {light}]}}"#);
+            assert_eq!(faults(&json), [format!("/params/lights/1{field}")], "{light}");
+        }
+    }
+
+    #[test]
+    fn all_faults_come_at_once() {
+        let json = r#"{"width": 0, "exposure": 99, "camera": {"yfov_degrees": 500}, "environment": {}}"#;
+        assert_eq!(faults(json).len(), 4);
+    }
 }

@@ -1,0 +1,39 @@
+//! What a request trades truth for.
+
+use super::{Mode, RenderParams};
+
+impl RenderParams {
+    /// Every choice of this request by which the picture differs from the full simulation, in words for the reply.
+    pub fn biases(&self) -> Vec<String> {
+        let mut biases = Vec::new();
+        if self.mode == Mode::Direct {
+            biases
+                .push("mode direct: light that comes by way of other surfaces is missing, mirrors excepted".to_owned());
+        }
+        if let Some(bounces) = self.max_bounces {
+            biases.push(format!("max_bounces {bounces}: light that scatters more often than that is missing"));
+        }
+        if !self.multiple_scattering {
+            biases
+                .push("multiple_scattering off: rough surfaces lose the light that scatters more than once".to_owned());
+        }
+        biases
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_bias_is_named_and_none_by_default() {
+        assert!(RenderParams::default().biases().is_empty());
+        let request = RenderParams {
+            mode: Mode::Direct,
+            max_bounces: Some(3),
+            multiple_scattering: false,
+            ..RenderParams::default()
+        };
+        assert_eq!(request.biases().len(), 3);
+    }
+}

@@ -1,0 +1,141 @@
+//! Lights of the request.
+
+use serde::{Deserialize, Serialize};
+
+/// A light of the request; units of KHR_lights_punctual.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", try_from = "LightFields")]
+pub enum LightParams {
+    /// Sends light to all sides from a point.
+    Point {
+        /// World space.
+        position: [f64; 3],
+        /// Linear colour, multiplied by the intensity.
+        color: [f32; 3],
+        /// Candela.
+        intensity: f32,
+        /// Distance at which the light is cut off smoothly; none: infinite.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        range: Option<f32>,
+    },
+    /// A point light within a cone.
+    Spot {
+        /// World space.
+        position: [f64; 3],
+        /// Direction that the light shines in; need not be of unit length.
+        direction: [f64; 3],
+        /// Linear colour, multiplied by the intensity.
+        color: [f32; 3],
+        /// Candela.
+        intensity: f32,
+        /// Distance at which the light is cut off smoothly; none: infinite.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        range: Option<f32>,
+        /// Half angle of full light.
+        inner_cone_degrees: f32,
+        /// Half angle of no light.
+        outer_cone_degrees: f32,
+        /// Curve between the two cones.
+        falloff: SpotFalloff,
+    },
+    /// Parallel light from infinity.
+    Directional {
+        /// Direction that the light shines in.
+        direction: [f64; 3],
+        /// Linear colour, multiplied by the intensity.
+        color: [f32; 3],
+        /// Lux.
+        intensity: f32,
+    },
+    /// The same radiance from all sides, not seen by the camera.
+    Ambient {
+        /// Linear colour, multiplied by the intensity.
+        color: [f32; 3],
+        /// Radiance, cd/m2.
+        intensity: f32,
+    },
+}
+
+/// Curve of a spot light between its inner and outer cone.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SpotFalloff {
+    /// Linear in the cosine, then squared (KHR_lights_punctual).
+    #[default]
+    Gltf,
+    /// Linear in the angle.
+    Linear,
+}
+
+/// [`LightParams`] as the JSON has it. A tagged enum would be buffered by serde, which loses the place of an error.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LightFields {
+    r#type: LightType,
+    position: Option<[f64; 3]>,
+    direction: Option<[f64; 3]>,
+    color: Option<[f32; 3]>,
+    intensity: Option<f32>,
+    range: Option<f32>,
+    inner_cone_degrees: Option<f32>,
+    outer_cone_degrees: Option<f32>,
+    falloff: Option<SpotFalloff>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum LightType {
+    Point,
+    Spot,
+    Directional,
+    Ambient,
+}
+
+impl TryFrom<LightFields> for LightParams {
+    type Error = String;
+
+    fn try_from(fields: LightFields) -> Result<Self, String> {
+        fields.check_applicable()?;
+        let color = fields.color.unwrap_or([1.0; 3]);
+        let intensity = fields.intensity.unwrap_or(1.0);
+        let range = fields.range;
+        let position = || fields.position.ok_or("missing field `position`: where the light is, as [x, y, z]");
+        let direction = || fields.direction.ok_or("missing field `direction`: where the light shines, as [x, y, z]");
+        Ok(match fields.r#type {
+            LightType::Point => Self::Point { position: position()?, color, intensity, range },
+            LightType::Spot => Self::Spot {
+                position: position()?,
+                direction: direction()?,
+                color,
+                intensity,
+                range,
+                inner_cone_degrees: fields.inner_cone_degrees.unwrap_or(0.0),
+                outer_cone_degrees: fields.outer_cone_degrees.unwrap_or(45.0),
+                falloff: fields.falloff.unwrap_or_default(),
+            },
+            LightType::Directional => Self::Directional { direction: direction()?, color, intensity },
+            LightType::Ambient => Self::Ambient { color, intensity },
+        })
+    }
+}
+
+impl LightFields {
+    /// Refuses fields that this kind of light does not have.
+    fn check_applicable(&self) -> Result<(), String> {
+        use LightType::{Directional, Point, Spot};
+        let fields: [(&str, bool, &[LightType]); 6] = [
+            ("position", self.position.is_some(), &[Point, Spot]),
+            ("direction", self.direction.is_some(), &[Spot, Directional]),
+            ("range", self.range.is_some(), &[Point, Spot]),
+            ("inner_cone_degrees", self.inner_cone_degrees.is_some(), &[Spot]),
+            ("outer_cone_degrees", self.outer_cone_degrees.is_some(), &[Spot]),
+            ("falloff", self.falloff.is_some(), &[Spot]),
+        ];
+        for (name, given, kinds) in fields {
+            if given && !kinds.contains(&self.r#type) {
+                return Err(format!("unknown field `{name}`: this kind of light has none; leave it out"));
+            }
+        }
+        Ok(())
+    }
+}
