@@ -1,5 +1,6 @@
 //! Engines: (CompiledScene, Lighting, View, Settings) -> Film, in slices.
 
+pub mod gpu;
 pub mod schedule;
 
 use crate::compile::{CompiledScene, Features, Lighting, View};

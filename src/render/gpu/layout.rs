@@ -1,0 +1,187 @@
+//! Rust mirrors of the uniform structs of `shaders/lib/bindings.wesl`. A test compares every offset by reflection.
+
+use crate::compile::{CompiledScene, EnvironmentKind, Lens, Lighting, View};
+use crate::params::{Filter, FilterKind};
+use crate::render::{Settings, Work};
+use bytemuck::{Pod, Zeroable};
+
+/// Entries of [`Frame::filter_table`].
+pub const FILTER_STEPS: usize = 64;
+
+/// What stays the same for a whole render.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+#[allow(missing_docs, reason = "named as in the shader")]
+pub struct Frame {
+    pub camera: [[f32; 4]; 3],
+    pub width: u32,
+    pub height: u32,
+    pub tan_half_yfov: f32,
+    pub aperture_radius: f32,
+    pub focus_distance: f32,
+    pub ymag: f32,
+    pub filter_radius: f32,
+    pub transparent: u32,
+    pub seed: u32,
+    pub max_bounces: u32,
+    pub light_count: u32,
+    pub pick_count: u32,
+    pub vertices: u32,
+    pub vertex_stride: u32,
+    pub vertex_normal: u32,
+    pub vertex_tangent: u32,
+    pub vertex_color: u32,
+    pub vertex_uv0: u32,
+    pub vertex_uv1: u32,
+    pub environment_probability: f32,
+    pub environment_top: [f32; 3],
+    pub environment_intensity: f32,
+    pub environment_horizon: [f32; 3],
+    pub environment_cos: f32,
+    pub environment_bottom: [f32; 3],
+    pub environment_sin: f32,
+    pub ambient: [f32; 3],
+    pub environment_visible: u32,
+    pub filter_table: [f32; FILTER_STEPS],
+}
+
+/// One dispatch: a range of tiles of one pass.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+#[allow(missing_docs, reason = "named as in the shader")]
+pub struct Slice {
+    pub first_tile: u32,
+    pub tile_count: u32,
+    pub first_sample: u32,
+    pub sample_count: u32,
+    pub replicate: u32,
+    pub tile_stride: u32,
+    pub tiles_across: u32,
+    pub tiles: u32,
+}
+
+impl Frame {
+    /// The frame of a render.
+    pub fn new(work: &Work) -> Self {
+        let mut frame = Self::zeroed();
+        frame.set_view(&work.view);
+        frame.set_settings(&work.settings);
+        frame.set_vertices(&work.scene);
+        frame.set_lighting(&work.lighting);
+        frame
+    }
+
+    fn set_view(&mut self, view: &View) {
+        let (m, t) = (view.to_world.matrix3, view.to_world.translation);
+        self.camera = std::array::from_fn(|i| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]]);
+        (self.width, self.height) = (view.width, view.height);
+        match view.lens {
+            Lens::Perspective { tan_half_yfov, aperture_radius, focus_distance } => {
+                self.tan_half_yfov = tan_half_yfov;
+                self.aperture_radius = aperture_radius;
+                self.focus_distance = focus_distance;
+            }
+            Lens::Orthographic { ymag } => self.ymag = ymag,
+        }
+        self.filter_radius = filter_radius(view.filter);
+        self.filter_table = filter_table(view.filter.kind);
+        self.transparent = u32::from(view.transparent);
+    }
+
+    fn set_settings(&mut self, settings: &Settings) {
+        self.seed = settings.seed;
+        self.max_bounces = settings.max_bounces.unwrap_or(u32::MAX);
+    }
+
+    fn set_vertices(&mut self, scene: &CompiledScene) {
+        self.vertices = 3 * scene.indices.len() as u32;
+        self.vertex_stride = scene.layout.stride;
+        self.vertex_normal = scene.layout.normal;
+        self.vertex_tangent = scene.layout.tangent;
+        self.vertex_color = scene.layout.color;
+        [self.vertex_uv0, self.vertex_uv1] = scene.layout.uv;
+    }
+
+    fn set_lighting(&mut self, lighting: &Lighting) {
+        let environment = &lighting.environment;
+        self.light_count = lighting.lights.len() as u32;
+        self.pick_count = lighting.picks.len() as u32;
+        // A sky without detail is found by the surface's own sampling; only an HDRI is sampled on purpose.
+        if matches!(environment.kind, EnvironmentKind::Hdri(_)) {
+            self.environment_probability = if lighting.picks.is_empty() { 1.0 } else { lighting.environment_probability };
+        }
+        match &environment.kind {
+            EnvironmentKind::None | EnvironmentKind::Hdri(_) => {}
+            EnvironmentKind::Constant(radiance) => self.environment_horizon = radiance.to_array(),
+            EnvironmentKind::Gradient { top, horizon, bottom } => {
+                self.environment_top = top.to_array();
+                self.environment_horizon = horizon.to_array();
+                self.environment_bottom = bottom.to_array();
+            }
+        }
+        self.environment_intensity = environment.intensity;
+        (self.environment_sin, self.environment_cos) = environment.rotation.sin_cos();
+        self.environment_visible = u32::from(environment.visible);
+        self.ambient = environment.ambient.to_array();
+    }
+}
+
+/// Half width in pixels.
+fn filter_radius(filter: Filter) -> f32 {
+    filter.radius.unwrap_or(match filter.kind {
+        FilterKind::Box => 0.5,
+        FilterKind::Triangle => 1.0,
+        FilterKind::Gaussian | FilterKind::BlackmanHarris => 1.5,
+    })
+}
+
+/// Inverse of the filter's distribution function at equal steps of probability, as offsets in -1..=1.
+fn filter_table(kind: FilterKind) -> [f32; FILTER_STEPS] {
+    const CELLS: usize = 4096;
+    let weight = |x: f64| match kind {
+        FilterKind::Box => 1.0,
+        FilterKind::Triangle => 1.0 - x.abs(),
+        FilterKind::Gaussian => (-4.5 * x * x).exp() - (-4.5f64).exp(),
+        FilterKind::BlackmanHarris => {
+            let phase = std::f64::consts::PI * (x + 1.0);
+            0.35875 - 0.48829 * phase.cos() + 0.14128 * (2.0 * phase).cos() - 0.01168 * (3.0 * phase).cos()
+        }
+    };
+    let position = |cell: f64| 2.0 * cell / CELLS as f64 - 1.0;
+    let weights: Vec<f64> = (0..CELLS).map(|cell| weight(position(cell as f64 + 0.5)).max(0.0)).collect();
+    let total: f64 = weights.iter().sum();
+    let (mut cell, mut below) = (0, 0.0);
+    std::array::from_fn(|step| {
+        let target = total * step as f64 / (FILTER_STEPS - 1) as f64;
+        while cell < CELLS - 1 && below + weights[cell] < target {
+            below += weights[cell];
+            cell += 1;
+        }
+        let within = if weights[cell] > 0.0 { ((target - below) / weights[cell]).clamp(0.0, 1.0) } else { 0.0 };
+        position(cell as f64 + within) as f32
+    })
+}
+
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn box_filter_is_uniform() {
+        for (step, offset) in filter_table(FilterKind::Box).iter().enumerate() {
+            let expected = 2.0 * step as f32 / (FILTER_STEPS - 1) as f32 - 1.0;
+            assert!((offset - expected).abs() < 1e-6, "step {step}: {offset} for {expected}");
+        }
+    }
+
+    #[test]
+    fn triangle_filter_follows_its_closed_form() {
+        // Distribution function (1 + x)^2 / 2 below the middle.
+        let table = filter_table(FilterKind::Triangle);
+        for (step, offset) in table.iter().enumerate().take(FILTER_STEPS / 2) {
+            let u = step as f32 / (FILTER_STEPS - 1) as f32;
+            assert!((offset - ((2.0 * u).sqrt() - 1.0)).abs() < 1e-3, "step {step}: {offset}");
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! The wgpu compute tracer.
+//!
+//! [`GpuEngine`] owns a device, the pipelines made on it (one per set of features) and what has been uploaded;
+//! [`GpuRender`] is one picture under way, cut into dispatches of about 40 ms.
+
+mod albedo;
+mod device;
+pub mod layout;
+mod pipeline;
+mod render;
+mod resources;
+
+pub use albedo::{AlbedoTable, albedo_table};
+pub use device::Gpu;
+pub use pipeline::{PATHTRACE_WGSL, stack_size};
+pub use render::GpuRender;
+
+use super::{DeviceInfo, Engine, Render, RenderError, Work};
+use crate::film::Film;
+use pipeline::Pipelines;
+use resources::Resources;
+use std::sync::Arc;
+
+/// A device with its pipelines and uploads.
+pub struct GpuEngine {
+    gpu: Arc<Gpu>,
+    pipelines: Pipelines,
+    resources: Resources,
+}
+
+impl GpuEngine {
+    /// Opens the adapter that promises most: hardware before software.
+    ///
+    /// # Errors
+    /// [`RenderError::NoAdapter`] if there is none that runs compute shaders.
+    pub fn new() -> Result<Self, RenderError> {
+        let gpu = Arc::new(Gpu::new()?);
+        let pipelines = Pipelines::new(&gpu);
+        let resources = Resources::new(&gpu);
+        Ok(Self { gpu, pipelines, resources })
+    }
+
+    /// The device, for benchmarks and tests.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+}
+
+impl Engine for GpuEngine {
+    fn device(&self) -> &DeviceInfo {
+        &self.gpu.info
+    }
+
+    fn begin(&mut self, work: Work, film: Option<Film>) -> Result<Box<dyn Render>, RenderError> {
+        let pipeline = self.pipelines.get(&self.gpu, &work);
+        let scene = self.resources.scene(&self.gpu, &work.scene)?;
+        let environment = self.resources.environment(&self.gpu, &work.lighting.environment)?;
+        let render = GpuRender::new(&self.gpu, pipeline, &self.pipelines.layout, &self.resources, &scene, &environment, work, film)?;
+        self.gpu.fault()?;
+        Ok(Box::new(render))
+    }
+}

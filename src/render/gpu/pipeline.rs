@@ -1,0 +1,143 @@
+//! Pipelines: the linked shader, specialised by what a picture needs.
+
+use super::device::Gpu;
+use crate::compile::Features;
+use crate::params::Mode;
+use crate::render::Work;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// The tracer's source, linked from `shaders/` at build time.
+pub const PATHTRACE_WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/pathtrace.wgsl"));
+
+/// Line of the source that each pipeline replaces by the stack it needs.
+const STACK_LINE: &str = "const STACK_SIZE: u32 = 32u;";
+
+/// What a pipeline is specialised by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Variant {
+    features: Features,
+    direct: bool,
+    multiple_scattering: bool,
+    stack: u32,
+}
+
+/// Pipelines made so far.
+pub struct Pipelines {
+    /// The bindings of `shaders/lib/bindings.wesl`.
+    pub layout: wgpu::BindGroupLayout,
+    pipeline_layout: wgpu::PipelineLayout,
+    modules: HashMap<u32, wgpu::ShaderModule>,
+    made: HashMap<Variant, Arc<wgpu::ComputePipeline>>,
+}
+
+impl Pipelines {
+    /// None yet.
+    pub fn new(gpu: &Gpu) -> Self {
+        let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("pathtrace"),
+            entries: &bindings(),
+        });
+        let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("pathtrace"),
+            bind_group_layouts: &[Some(&layout)],
+            immediate_size: 0,
+        });
+        Self { layout, pipeline_layout, modules: HashMap::new(), made: HashMap::new() }
+    }
+
+    /// The pipeline for a picture.
+    pub fn get(&mut self, gpu: &Gpu, work: &Work) -> Arc<wgpu::ComputePipeline> {
+        let variant = Variant {
+            features: work.features,
+            direct: work.settings.mode == Mode::Direct,
+            multiple_scattering: work.settings.multiple_scattering,
+            stack: stack_size(work.scene.depth, work.scene.two_level),
+        };
+        if let Some(pipeline) = self.made.get(&variant) {
+            return Arc::clone(pipeline);
+        }
+        let module = self.modules.entry(variant.stack).or_insert_with(|| compile_module(gpu, variant.stack));
+        let pipeline = Arc::new(gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some("pathtrace"),
+            layout: Some(&self.pipeline_layout),
+            module,
+            entry_point: Some("pathtrace"),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants: &constants(variant),
+                zero_initialize_workgroup_memory: false,
+            },
+            cache: None,
+        }));
+        self.made.insert(variant, Arc::clone(&pipeline));
+        pipeline
+    }
+}
+
+/// Entries that the traversal stack needs: one group of siblings per level, and the instances left of a leaf.
+/// Rounded up, so that few sources are compiled.
+pub fn stack_size(depth: u32, two_level: bool) -> u32 {
+    (depth + u32::from(two_level) + 1).next_multiple_of(8)
+}
+
+fn compile_module(gpu: &Gpu, stack: u32) -> wgpu::ShaderModule {
+    debug_assert!(PATHTRACE_WGSL.contains(STACK_LINE), "the shader's stack has another name now");
+    let source = PATHTRACE_WGSL.replace(STACK_LINE, &format!("const STACK_SIZE: u32 = {stack}u;"));
+    gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some("pathtrace"),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
+    })
+}
+
+/// Values of the override constants of `shaders/lib/features.wesl`.
+fn constants(variant: Variant) -> [(&'static str, f64); 19] {
+    let f = variant.features;
+    let flag = |value: bool| f64::from(u8::from(value));
+    [
+        ("TWO_LEVEL", flag(f.two_level)),
+        ("ALPHA", flag(f.alpha)),
+        ("ONE_SIDED", flag(f.one_sided)),
+        ("NORMALS", flag(f.normals)),
+        ("COLORS", flag(f.colors)),
+        ("BASE_COLOR_TEXTURE", flag(f.base_color_texture)),
+        ("METALLIC_ROUGHNESS_TEXTURE", flag(f.metallic_roughness_texture)),
+        ("NORMAL_TEXTURE", flag(f.normal_texture)),
+        ("EMISSIVE_TEXTURE", flag(f.emissive_texture)),
+        ("UNLIT", flag(f.unlit)),
+        ("SPECULAR", flag(f.specular)),
+        ("MIRROR", flag(f.mirror)),
+        ("PUNCTUAL", flag(f.punctual)),
+        ("EMITTERS", flag(f.emitters)),
+        ("THIN_LENS", flag(f.thin_lens)),
+        ("ORTHOGRAPHIC", flag(f.orthographic)),
+        ("ENVIRONMENT", f64::from(f.environment)),
+        ("DIRECT", flag(variant.direct)),
+        ("MULTIPLE_SCATTERING", flag(variant.multiple_scattering)),
+    ]
+}
+
+fn bindings() -> [wgpu::BindGroupLayoutEntry; 16] {
+    let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
+    let uniform = buffer(wgpu::BufferBindingType::Uniform);
+    let read = buffer(wgpu::BufferBindingType::Storage { read_only: true });
+    let write = buffer(wgpu::BufferBindingType::Storage { read_only: false });
+    let texture = |sample_type, view_dimension| wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false };
+    let float = wgpu::TextureSampleType::Float { filterable: false };
+    let pages = texture(float, wgpu::TextureViewDimension::D2Array);
+    let table = texture(float, wgpu::TextureViewDimension::D2);
+    let cells = texture(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2);
+    let film = wgpu::BindingType::StorageTexture {
+        access: wgpu::StorageTextureAccess::WriteOnly,
+        format: wgpu::TextureFormat::Rgba32Float,
+        view_dimension: wgpu::TextureViewDimension::D2,
+    };
+    let types =
+        [uniform, uniform, read, read, read, read, read, read, read, write, pages, pages, table, cells, table, film];
+    let mut binding = 0;
+    types.map(|ty| {
+        let entry =
+            wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };
+        binding += 1;
+        entry
+    })
+}

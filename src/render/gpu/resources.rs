@@ -1,0 +1,166 @@
+//! What has been uploaded: scenes, environments and tables, kept as long as their source lives.
+
+use super::albedo::{TABLE_HEIGHT, TABLE_WIDTH, albedo_table};
+use super::device::Gpu;
+use crate::compile::{
+    BvhNode, CompiledScene, Environment, EnvironmentKind, Hdri, Instance, Material, TexturePages, Triangle,
+};
+use crate::render::RenderError;
+use std::sync::{Arc, Weak};
+use wgpu::util::{DeviceExt, TextureDataOrder};
+
+/// Buffers and textures of a [`CompiledScene`].
+pub struct GpuScene {
+    /// Binding 2.
+    pub nodes: wgpu::Buffer,
+    /// Binding 3.
+    pub triangles: wgpu::Buffer,
+    /// Binding 4: indices, then vertex records.
+    pub attributes: wgpu::Buffer,
+    /// Binding 5.
+    pub instances: wgpu::Buffer,
+    /// Binding 6.
+    pub materials: wgpu::Buffer,
+    /// Binding 10.
+    pub color_pages: wgpu::TextureView,
+    /// Binding 11.
+    pub data_pages: wgpu::TextureView,
+}
+
+/// Textures of an environment.
+pub struct GpuEnvironment {
+    /// Binding 12.
+    pub texels: wgpu::TextureView,
+    /// Binding 13.
+    pub cells: wgpu::TextureView,
+}
+
+/// Uploads by source. A source that nobody else holds any more is dropped at the next render.
+pub struct Resources {
+    /// Binding 14.
+    pub albedo: wgpu::TextureView,
+    scenes: Vec<(Weak<CompiledScene>, Arc<GpuScene>)>,
+    environments: Vec<(Weak<Hdri>, Arc<GpuEnvironment>)>,
+    no_environment: Arc<GpuEnvironment>,
+}
+
+impl Resources {
+    /// The tables that every render reads.
+    pub fn new(gpu: &Gpu) -> Self {
+        let table = albedo_table();
+        let bytes = bytemuck::cast_slice(&table.texels);
+        let albedo =
+            texture(gpu, "albedo table", (TABLE_WIDTH, TABLE_HEIGHT, 1), wgpu::TextureFormat::Rg32Float, bytes);
+        let no_environment = Arc::new(GpuEnvironment {
+            texels: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rgba32Float, &[0; 16]),
+            cells: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rgba32Uint, &[0; 16]),
+        });
+        Self { albedo, scenes: Vec::new(), environments: Vec::new(), no_environment }
+    }
+
+    /// The scene on the device.
+    pub fn scene(&mut self, gpu: &Gpu, scene: &Arc<CompiledScene>) -> Result<Arc<GpuScene>, RenderError> {
+        find_or_upload(&mut self.scenes, scene, |scene| upload_scene(gpu, scene))
+    }
+
+    /// The environment on the device.
+    pub fn environment(&mut self, gpu: &Gpu, environment: &Environment) -> Result<Arc<GpuEnvironment>, RenderError> {
+        match &environment.kind {
+            EnvironmentKind::Hdri(hdri) => {
+                find_or_upload(&mut self.environments, hdri, |hdri| upload_environment(gpu, hdri))
+            }
+            _ => Ok(Arc::clone(&self.no_environment)),
+        }
+    }
+}
+
+fn find_or_upload<S, T>(
+    held: &mut Vec<(Weak<S>, Arc<T>)>,
+    source: &Arc<S>,
+    upload: impl FnOnce(&S) -> Result<T, RenderError>,
+) -> Result<Arc<T>, RenderError> {
+    held.retain(|(weak, _)| weak.strong_count() > 0);
+    if let Some((_, found)) = held.iter().find(|(weak, _)| std::ptr::eq(weak.as_ptr(), Arc::as_ptr(source))) {
+        return Ok(Arc::clone(found));
+    }
+    let uploaded = Arc::new(upload(source)?);
+    held.push((Arc::downgrade(source), Arc::clone(&uploaded)));
+    Ok(uploaded)
+}
+
+fn upload_scene(gpu: &Gpu, scene: &CompiledScene) -> Result<GpuScene, RenderError> {
+    let mut attributes: Vec<u32> = scene.indices.as_flattened().to_vec();
+    attributes.extend_from_slice(&scene.vertices);
+    Ok(GpuScene {
+        nodes: gpu.storage("tree nodes", bytemuck::cast_slice(&scene.nodes), size_of::<BvhNode>())?,
+        triangles: gpu.storage("triangles", bytemuck::cast_slice(&scene.triangles), size_of::<Triangle>())?,
+        attributes: gpu.storage("vertex attributes", bytemuck::cast_slice(&attributes), 4)?,
+        instances: gpu.storage("instances", bytemuck::cast_slice(&scene.instances), size_of::<Instance>())?,
+        materials: gpu.storage("materials", bytemuck::cast_slice(&scene.materials), size_of::<Material>())?,
+        color_pages: upload_pages(gpu, &scene.color_pages, wgpu::TextureFormat::Rgba8UnormSrgb)?,
+        data_pages: upload_pages(gpu, &scene.data_pages, wgpu::TextureFormat::Rgba8Unorm)?,
+    })
+}
+
+fn upload_pages(gpu: &Gpu, pages: &TexturePages, format: wgpu::TextureFormat) -> Result<wgpu::TextureView, RenderError> {
+    let limits = gpu.device.limits();
+    let (side, layers) = (pages.page_size.max(1), pages.pages.len().max(1) as u32);
+    if side > limits.max_texture_dimension_2d || layers > limits.max_texture_array_layers {
+        return Err(RenderError::TooLarge(format!(
+            "{layers} texture pages of {side} x {side}; {} takes {} of {}; use fewer or smaller textures",
+            gpu.info.name, limits.max_texture_array_layers, limits.max_texture_dimension_2d
+        )));
+    }
+    let mut bytes = pages.pages.concat();
+    bytes.resize((side * side * 4) as usize * layers as usize, 0);
+    let texture = create_texture(gpu, "texture pages", (side, side, layers), format, &bytes);
+    let dimension = Some(wgpu::TextureViewDimension::D2Array);
+    Ok(texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() }))
+}
+
+fn upload_environment(gpu: &Gpu, hdri: &Hdri) -> Result<GpuEnvironment, RenderError> {
+    let limit = gpu.device.limits().max_texture_dimension_2d;
+    if hdri.width > limit || hdri.height >= limit {
+        return Err(RenderError::TooLarge(format!(
+            "the environment has {} x {} texels, {} takes {limit} a side",
+            hdri.width, hdri.height, gpu.info.name
+        )));
+    }
+    let texels: Vec<[f32; 4]> = hdri.texels.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
+    let cells: Vec<[u32; 4]> =
+        hdri.cells.iter().map(|cell| [cell.keep.to_bits(), cell.alias, cell.pdf.to_bits(), 0]).collect();
+    let size = (hdri.width, hdri.height, 1);
+    let cells_size = (hdri.width, hdri.height + 1, 1);
+    Ok(GpuEnvironment {
+        texels: texture(gpu, "environment", size, wgpu::TextureFormat::Rgba32Float, bytemuck::cast_slice(&texels)),
+        cells: texture(gpu, "environment", cells_size, wgpu::TextureFormat::Rgba32Uint, bytemuck::cast_slice(&cells)),
+    })
+}
+
+fn texture(gpu: &Gpu, label: &str, size: (u32, u32, u32), format: wgpu::TextureFormat, bytes: &[u8]) -> wgpu::TextureView {
+    create_texture(gpu, label, size, format, bytes).create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+fn create_texture(
+    gpu: &Gpu,
+    label: &str,
+    (width, height, depth_or_array_layers): (u32, u32, u32),
+    format: wgpu::TextureFormat,
+    bytes: &[u8],
+) -> wgpu::Texture {
+    gpu.device.create_texture_with_data(
+        &gpu.queue,
+        &wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        },
+        TextureDataOrder::LayerMajor,
+        bytes,
+    )
+}
