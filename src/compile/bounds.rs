@@ -55,9 +55,6 @@ impl Bounds {
     pub fn outwards(min: DVec3, max: DVec3) -> Self {
         let down = |v: f64| if f64::from(v as f32) > v { (v as f32).next_down() } else { v as f32 };
         let up = |v: f64| if f64::from(v as f32) < v { (v as f32).next_up() } else { v as f32 };
-        Self {
-            min: Vec3::from_array(min.to_array().map(down)),
-            max: Vec3::from_array(max.to_array().map(up)),
-        }
+        Self { min: Vec3::from_array(min.to_array().map(down)), max: Vec3::from_array(max.to_array().map(up)) }
     }
 }

@@ -54,9 +54,8 @@ fn binary(boxes: &[Bounds]) -> Bvh2 {
     let (min, max) = (all.min.as_dvec3(), all.max.as_dvec3());
     let scale = 1.0 / (max - min).max_element().max(f64::from(f32::MIN_POSITIVE));
     let unit = |v: Vec3| ((v.as_dvec3() - min) * scale).as_vec3a();
-    let mut items: Vec<Item> = (boxes.iter().zip(0..))
-        .map(|(b, index)| Item { aabb: Aabb::new(unit(b.min), unit(b.max)), index })
-        .collect();
+    let mut items: Vec<Item> =
+        (boxes.iter().zip(0..)).map(|(b, index)| Item { aabb: Aabb::new(unit(b.min), unit(b.max)), index }).collect();
     let mut nodes = vec![Bvh2Node::default(); 2 * items.len() - 1];
     let (root, rest) = nodes.split_at_mut(1);
     Range { items: &mut items, first_item: 0, root: &mut root[0], rest, first_node: 1 }.build(0);
@@ -133,9 +132,8 @@ fn centre_bounds(items: &[Item]) -> Aabb {
 fn halve(items: &mut [Item]) -> usize {
     let axis = centre_bounds(items).largest_axis();
     let middle = items.len() / 2;
-    items.select_nth_unstable_by(middle, |a, b| {
-        centre(a)[axis].total_cmp(&centre(b)[axis]).then(a.index.cmp(&b.index))
-    });
+    items
+        .select_nth_unstable_by(middle, |a, b| centre(a)[axis].total_cmp(&centre(b)[axis]).then(a.index.cmp(&b.index)));
     middle
 }
 
@@ -174,7 +172,7 @@ fn split_by_cost(items: &mut [Item]) -> Option<usize> {
 fn cheapest_plane(bins: &[Bin; BINS]) -> Option<(f32, usize)> {
     let mut right = [f32::INFINITY; BINS];
     let mut side = Bin { aabb: Aabb::empty(), count: 0 };
-    let mut add = |side: &mut Bin, bin: &Bin| {
+    let add = |side: &mut Bin, bin: &Bin| {
         side.aabb = side.aabb.union(&bin.aabb);
         side.count += bin.count;
         if side.count == 0 { f32::INFINITY } else { side.aabb.half_area() * side.count as f32 }

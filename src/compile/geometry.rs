@@ -166,7 +166,8 @@ impl<'a> Groups<'a> {
         }
         let extent = (max - min).max_element();
         if extent > MAX_EXTENT {
-            let detail = format!("the scene is {extent:e} units across; at most {MAX_EXTENT:e} are supported: scale it");
+            let detail =
+                format!("the scene is {extent:e} units across; at most {MAX_EXTENT:e} are supported: scale it");
             return Err(invalid("extent_too_large", "/scenes", &detail));
         }
         Ok((min + max) * 0.5)
@@ -279,7 +280,8 @@ impl Soup {
     fn build(self) -> Bottom {
         let boxes: Vec<Bounds> = self.triangles.iter().map(triangle_bounds).collect();
         let tree = bvh::build(&boxes);
-        let mut bottom = Bottom { bounds: boxes.iter().fold(Bounds::default(), |a, b| a.union(*b)), ..Bottom::default() };
+        let mut bottom =
+            Bottom { bounds: boxes.iter().fold(Bounds::default(), |a, b| a.union(*b)), ..Bottom::default() };
         for (position, from) in (0..).zip(&tree.order) {
             let from = *from as usize;
             let mut triangle = self.triangles[from];
@@ -384,8 +386,7 @@ fn instances(bottoms: &[Bottom], groups: &[Group], origin: DVec3) -> Vec<Standin
 /// Bounds of a placed mesh, as a ray sees it that goes through the rounded inverse of the map.
 fn instance_bounds(points: &[DVec3], map: &DAffine3) -> Bounds {
     let placed = points.iter().map(|p| map.transform_point3(*p));
-    let (min, max) =
-        placed.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)));
+    let (min, max) = placed.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)));
     // Rounding the inverse A of M moves a point x by at most |M| (ulp |A| (|x| + |t|)); a factor of 4 covers sums.
     let (m, inverse) = (map.matrix3, map.matrix3.inverse());
     let reach = min.abs().max(max.abs()) + map.translation.abs();

@@ -31,11 +31,11 @@ mod walk;
 #[cfg(test)]
 mod tests;
 
-//pub use camera::view;
-pub use features::Features;
+pub use camera::view;
+pub use features::{Features, features};
 pub use geometry::compile_scene;
-//pub use hdri::{HdriError, decode_hdri};
-//pub use lights::light;
+pub use hdri::{HdriError, decode_hdri};
+pub use lights::light;
 pub use walk::{Placed, camera_nodes, chosen_scene};
 
 use bytemuck::{Pod, Zeroable};

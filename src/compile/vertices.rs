@@ -45,11 +45,7 @@ impl Placement {
     pub fn new(map: DAffine3) -> Self {
         let m = map.matrix3;
         let mirrored = m.determinant() < 0.0;
-        let cofactors = DMat3::from_cols(
-            m.y_axis.cross(m.z_axis),
-            m.z_axis.cross(m.x_axis),
-            m.x_axis.cross(m.y_axis),
-        );
+        let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
         Self { map, normal: if mirrored { -cofactors } else { cofactors }, mirrored }
     }
 

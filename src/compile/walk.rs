@@ -17,7 +17,9 @@ pub struct Placed {
 /// The scene to draw: by index, else the file's default, else its first.
 pub fn chosen_scene(scene: &Scene, index: Option<usize>) -> Result<&SceneRoot, CompileError> {
     if scene.scenes.is_empty() {
-        return Err(invalid("no_scene", "/scenes", "the file has no scene; add one that lists the nodes to draw").into());
+        return Err(
+            invalid("no_scene", "/scenes", "the file has no scene; add one that lists the nodes to draw").into()
+        );
     }
     let chosen = index.or(scene.default_scene).unwrap_or(0);
     scene.scenes.get(chosen).ok_or_else(|| {
