@@ -1,6 +1,10 @@
 //! What a picture needs. A feature that no material, light or camera uses costs nothing: each becomes an override
 //! constant of the kernel, and the driver removes what is dead.
 
+use super::{CompiledScene, Environment, EnvironmentKind, Lens, Lighting, Material, NONE, TextureSlot, Triangle, View};
+use crate::params::{Mode, RenderParams};
+use glam::Vec3;
+
 /// Needs of a (scene, lighting, view) triple.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Features {
@@ -32,10 +36,48 @@ pub struct Features {
     pub punctual: bool,
     /// There are emitting triangles.
     pub emitters: bool,
-    /// Kind of environment: 0 none, 1 constant, 2 gradient, 3 HDRI.
+    /// Kind of environment: 0 none, 1 constant (of black, if there is nothing but ambient light), 2 gradient, 3 HDRI.
     pub environment: u32,
     /// The lens has an extent.
     pub thin_lens: bool,
     /// Parallel projection.
     pub orthographic: bool,
+}
+
+/// Perceptual roughness below which a surface is a perfect mirror.
+pub const MIRROR_ROUGHNESS: f32 = 0.01;
+
+/// What the scene, its light and its camera need together.
+pub fn features(scene: &CompiledScene, lighting: &Lighting, view: &View, params: &RenderParams) -> Features {
+    let some = |test: &dyn Fn(&Material) -> bool| scene.materials.iter().any(test);
+    let reads = |slot: fn(&Material) -> &TextureSlot| some(&|material| slot(material).info != NONE);
+    let path = params.mode == Mode::Path;
+    Features {
+        two_level: scene.two_level,
+        alpha: scene.triangles.iter().any(|triangle| triangle.material & Triangle::ALPHA != 0),
+        one_sided: some(&|material| material.flags & Material::DOUBLE_SIDED == 0),
+        normals: scene.layout.normal != NONE,
+        colors: scene.layout.color != NONE,
+        base_color_texture: reads(|material| &material.base_color_texture),
+        metallic_roughness_texture: reads(|material| &material.metallic_roughness_texture),
+        normal_texture: reads(|material| &material.normal_texture),
+        emissive_texture: reads(|material| &material.emissive_texture),
+        unlit: some(&|material| material.flags & Material::UNLIT != 0),
+        specular: some(&|material| material.flags & Material::UNLIT == 0),
+        mirror: scene.min_roughness < MIRROR_ROUGHNESS,
+        punctual: !lighting.lights.is_empty(),
+        emitters: path && !scene.emitters.is_empty(),
+        environment: environment_code(&lighting.environment),
+        thin_lens: matches!(view.lens, Lens::Perspective { aperture_radius, .. } if aperture_radius > 0.0),
+        orthographic: matches!(view.lens, Lens::Orthographic { .. }),
+    }
+}
+
+fn environment_code(environment: &Environment) -> u32 {
+    match environment.kind {
+        EnvironmentKind::None => u32::from(environment.ambient != Vec3::ZERO),
+        EnvironmentKind::Constant(_) => 1,
+        EnvironmentKind::Gradient { .. } => 2,
+        EnvironmentKind::Hdri(_) => 3,
+    }
 }

@@ -8,9 +8,35 @@
 //! World space is moved so that the scene's centre is the origin ([`CompiledScene::origin`]): f32 keeps its
 //! precision for scenes that lie far out.
 
+mod alias;
+mod alpha;
+mod atlas;
+mod bounds;
+mod bvh;
+mod camera;
+mod emitters;
+mod environment;
 pub mod features;
+mod framing;
+mod geometry;
+mod hdri;
+mod lights;
+mod materials;
+mod quantize;
+mod texels;
+mod textures;
+mod vertices;
+mod walk;
 
-pub use features::Features;
+#[cfg(test)]
+mod tests;
+
+pub use camera::view;
+pub use features::{Features, features};
+pub use geometry::compile_scene;
+pub use hdri::{HdriError, decode_hdri};
+pub use lights::light;
+pub use walk::{Placed, camera_nodes, chosen_scene};
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, DVec3, Vec3};
@@ -44,6 +70,8 @@ pub struct CompiledScene {
     pub color_pages: TexturePages,
     /// Linear texels (metallic-roughness, normals), RGBA8.
     pub data_pages: TexturePages,
+    /// Smallest perceptual roughness that a lit material in use can have somewhere; 1 if there is none.
+    pub min_roughness: f32,
     /// Triangles that emit, in the order of `Triangle::light` + `Instance::light_base`.
     pub emitters: Vec<Emitter>,
     /// Whether rays pass a top level first.
@@ -98,6 +126,15 @@ impl Default for Bounds {
 pub struct BvhNode {
     /// Twenty words.
     pub words: [u32; 20],
+}
+
+/// Something that the request left open and the renderer chose; stated in the reply.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct DefaultTaken {
+    /// What was open, like `camera`.
+    pub what: String,
+    /// What was chosen.
+    pub value: serde_json::Value,
 }
 
 /// A triangle as the traversal reads it.

@@ -1,0 +1,112 @@
+//! Materials of the file -> materials in use.
+
+use super::alpha::AlphaTest;
+use super::emitters::Emission;
+use super::texels::Texels;
+use super::textures::{Space, Textures};
+use super::{CompiledScene, Material};
+use crate::scene::{self, AlphaMode, Scene, TextureRef};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+/// Index into the file's materials; none: the default material.
+pub type Key = Option<usize>;
+
+/// The file's material behind a key.
+pub fn source(scene: &Scene, key: Key) -> scene::Material {
+    key.and_then(|index| scene.materials.get(index)).cloned().unwrap_or_default()
+}
+
+/// The textures that a material reads. Unlit: its base colour alone.
+pub fn uses(material: &scene::Material) -> Vec<(Space, TextureRef)> {
+    let lit = [
+        (Space::Color, material.emissive_texture.filter(|_| emits(material))),
+        (Space::Data, material.metallic_roughness_texture),
+        (Space::Data, material.normal_texture),
+    ];
+    let base = [(Space::Color, material.base_color_texture)];
+    let lit = lit.into_iter().filter(|_| !material.unlit);
+    base.into_iter().chain(lit).filter_map(|(space, use_)| Some((space, use_?))).collect()
+}
+
+fn emits(material: &scene::Material) -> bool {
+    !material.unlit && material.emissive.max_element() > 0.0
+}
+
+/// Materials in use, each distinct one once.
+#[derive(Debug, Default)]
+pub struct Table {
+    /// As kernels read them.
+    pub materials: Vec<Material>,
+    index: BTreeMap<Key, usize>,
+    modes: Vec<AlphaMode>,
+}
+
+impl Table {
+    /// Compiles the materials behind the keys.
+    pub fn new(scene: &Scene, keys: &BTreeSet<Key>, textures: &Textures) -> Self {
+        let mut table = Self::default();
+        let mut known: HashMap<Vec<u8>, usize> = HashMap::new();
+        for key in keys {
+            let source = source(scene, *key);
+            let material = compile(scene, &source, textures);
+            let next = table.materials.len();
+            let index = *known.entry(bytemuck::bytes_of(&material).to_vec()).or_insert(next);
+            if index == next {
+                table.materials.push(material);
+                table.modes.push(source.alpha_mode);
+            }
+            table.index.insert(*key, index);
+        }
+        table
+    }
+
+    /// Index of the material behind a key.
+    pub fn index(&self, key: Key) -> usize {
+        self.index.get(&key).copied().unwrap_or(0)
+    }
+
+    /// What decides on each material's alpha.
+    pub fn alpha_tests<'a>(&'a self, textures: &'a Textures) -> Vec<AlphaTest<'a>> {
+        let parts = self.materials.iter().zip(&self.modes);
+        parts.map(|(material, mode)| AlphaTest::new(material, *mode, &textures.color)).collect()
+    }
+
+    /// What decides on each material's emission.
+    pub fn emissions<'a>(&'a self, textures: &'a Textures) -> Vec<Emission<'a>> {
+        self.materials.iter().map(|material| Emission::new(material, &textures.color)).collect()
+    }
+}
+
+fn compile(scene: &Scene, source: &scene::Material, textures: &Textures) -> Material {
+    let lit = !source.unlit;
+    let slot = |space, use_: Option<TextureRef>, read: bool| textures.slot(scene, space, use_.filter(|_| read));
+    let flag = |set: bool, bit: u32| if set { bit } else { 0 };
+    Material {
+        base_color: source.base_color.to_array(),
+        emissive: if emits(source) { source.emissive.to_array() } else { [0.0; 3] },
+        roughness: source.roughness,
+        metallic: source.metallic,
+        normal_scale: source.normal_scale,
+        alpha_cutoff: match source.alpha_mode {
+            AlphaMode::Opaque => -2.0,
+            AlphaMode::Blend => -1.0,
+            AlphaMode::Mask { cutoff } => cutoff.max(0.0),
+        },
+        flags: flag(source.double_sided, Material::DOUBLE_SIDED) | flag(source.unlit, Material::UNLIT),
+        base_color_texture: slot(Space::Color, source.base_color_texture, true),
+        emissive_texture: slot(Space::Color, source.emissive_texture, emits(source)),
+        metallic_roughness_texture: slot(Space::Data, source.metallic_roughness_texture, lit),
+        normal_texture: slot(Space::Data, source.normal_texture, lit),
+    }
+}
+
+/// See [`CompiledScene::min_roughness`].
+pub fn min_roughness(compiled: &CompiledScene) -> f32 {
+    let lit = compiled.materials.iter().filter(|material| material.flags & Material::UNLIT == 0);
+    let lowest = lit.map(|material| {
+        let texels = Texels::new(&compiled.data_pages, &material.metallic_roughness_texture);
+        let texture = texels.and_then(|texels| texels.iter().map(|texel| texel[1]).min());
+        material.roughness * texture.map_or(1.0, |green| f32::from(green) / 255.0)
+    });
+    lowest.fold(1.0, f32::min)
+}

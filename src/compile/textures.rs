@@ -1,0 +1,197 @@
+//! Images -> pages of RGBA8 texels. Images of 16 bits per channel are rounded to 8.
+
+use super::atlas::{self, Place};
+use super::{TexturePages, TextureSlot};
+use crate::scene::{Scene, SceneError, SceneErrorKind, TextureRef, Wrap};
+use image::{ImageReader, Limits};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Cursor;
+use std::time::Instant;
+
+/// Largest side of an image.
+const MAX_SIDE: u32 = 8192;
+/// Smallest side of a page.
+const MIN_PAGE: u32 = 256;
+/// Pages are made large enough that about this many hold everything.
+const FEW_PAGES: f64 = 4.0;
+/// Most texels of all images together.
+const MAX_TEXELS: u64 = 1 << 29;
+/// Most bytes that decoding one image may take.
+const MAX_ALLOC: u64 = 1 << 30;
+
+/// How texels are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Space {
+    /// Colour: sRGB.
+    Color,
+    /// Numbers: linear.
+    Data,
+}
+
+/// Decoded images in pages.
+#[derive(Debug, Default)]
+pub struct Textures {
+    /// Colours.
+    pub color: TexturePages,
+    /// Numbers.
+    pub data: TexturePages,
+    /// Images decoded.
+    pub decoded: u64,
+    /// Time it took.
+    pub seconds: f64,
+    places: BTreeMap<(Space, usize), (Place, (u32, u32))>,
+}
+
+impl Textures {
+    /// Decodes the images behind the given uses and packs them, each once per space.
+    pub fn decode(scene: &Scene, uses: &[(Space, TextureRef)]) -> Result<Self, SceneError> {
+        let start = Instant::now();
+        let wanted: BTreeSet<(Space, usize)> =
+            uses.iter().map(|(space, use_)| Ok((*space, image_of(scene, use_)?))).collect::<Result<_, SceneError>>()?;
+        let images: BTreeSet<usize> = wanted.iter().map(|(_, image)| *image).collect();
+        let sizes: BTreeMap<usize, (u32, u32)> =
+            images.iter().map(|image| Ok((*image, size(scene, *image)?))).collect::<Result<_, SceneError>>()?;
+        check_total(&sizes)?;
+        let decoded: BTreeMap<usize, Vec<u8>> =
+            images.par_iter().map(|image| Ok((*image, pixels(scene, *image)?))).collect::<Result<_, SceneError>>()?;
+        let mut textures = Self { decoded: decoded.len() as u64, ..Self::default() };
+        for space in [Space::Color, Space::Data] {
+            let images: Vec<usize> = wanted.iter().filter(|(s, _)| *s == space).map(|(_, image)| *image).collect();
+            textures.fill(space, &images, &sizes, &decoded);
+        }
+        textures.seconds = start.elapsed().as_secs_f64();
+        Ok(textures)
+    }
+
+    fn fill(
+        &mut self,
+        space: Space,
+        images: &[usize],
+        sizes: &BTreeMap<usize, (u32, u32)>,
+        decoded: &BTreeMap<usize, Vec<u8>>,
+    ) {
+        if images.is_empty() {
+            return;
+        }
+        let sizes: Vec<(u32, u32)> = images.iter().map(|image| sizes[image]).collect();
+        let page_size = page_size(&sizes);
+        let (places, count) = atlas::pack(&sizes, page_size);
+        let mut pages = vec![vec![0; page_size as usize * page_size as usize * 4]; count as usize];
+        for ((image, place), (width, height)) in images.iter().zip(&places).zip(&sizes) {
+            let row_bytes = *width as usize * 4;
+            for (y, row) in decoded[image].chunks_exact(row_bytes).enumerate() {
+                let start = ((place.y as usize + y) * page_size as usize + place.x as usize) * 4;
+                pages[place.page as usize][start..start + row_bytes].copy_from_slice(row);
+            }
+            self.places.insert((space, *image), (*place, (*width, *height)));
+        }
+        *self.pages_mut(space) = TexturePages { page_size, pages };
+    }
+
+    fn pages_mut(&mut self, space: Space) -> &mut TexturePages {
+        match space {
+            Space::Color => &mut self.color,
+            Space::Data => &mut self.data,
+        }
+    }
+
+    /// The slot of a use; none: no texture.
+    pub fn slot(&self, scene: &Scene, space: Space, use_: Option<TextureRef>) -> TextureSlot {
+        let Some(use_) = use_ else { return TextureSlot::default() };
+        let texture = scene.textures[use_.texture];
+        let Some((place, (width, height))) = self.places.get(&(space, texture.image)) else {
+            return TextureSlot::default();
+        };
+        let info = place.page
+            | (use_.uv_set as u32 & 1) << 16
+            | wrap_code(texture.wrap_u) << 17
+            | wrap_code(texture.wrap_v) << 19
+            | u32::from(texture.nearest) << 21;
+        TextureSlot {
+            row_u: use_.transform.row(0).to_array(),
+            info,
+            row_v: use_.transform.row(1).to_array(),
+            corner: place.x | place.y << 16,
+            size: (width - 1) | (height - 1) << 16,
+            pad: [0; 3],
+        }
+    }
+}
+
+fn wrap_code(wrap: Wrap) -> u32 {
+    match wrap {
+        Wrap::Repeat => 0,
+        Wrap::Clamp => 1,
+        Wrap::Mirror => 2,
+    }
+}
+
+/// The image of a texture.
+fn image_of(scene: &Scene, use_: &TextureRef) -> Result<usize, SceneError> {
+    let pointer = || format!("/textures/{}", use_.texture);
+    let missing = |detail: &str| super::walk::invalid("texture_out_of_range", &pointer(), detail);
+    let texture = scene.textures.get(use_.texture).ok_or_else(|| missing("the file has no such texture"))?;
+    scene.images.get(texture.image).map(|_| texture.image).ok_or_else(|| missing("its image does not exist"))
+}
+
+fn reader(scene: &Scene, image: usize) -> Result<ImageReader<Cursor<&[u8]>>, SceneError> {
+    let image = &scene.images[image];
+    let mut reader = ImageReader::new(Cursor::new(&*image.bytes))
+        .with_guessed_format()
+        .map_err(|error| fault(SceneErrorKind::Malformed, &image.pointer, &error.to_string()))?;
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(MAX_SIDE);
+    limits.max_image_height = Some(MAX_SIDE);
+    limits.max_alloc = Some(MAX_ALLOC);
+    reader.limits(limits);
+    Ok(reader)
+}
+
+fn size(scene: &Scene, image: usize) -> Result<(u32, u32), SceneError> {
+    let pointer = &scene.images[image].pointer;
+    let (width, height) = reader(scene, image)?.into_dimensions().map_err(|error| undecodable(pointer, &error))?;
+    if width == 0 || height == 0 {
+        return Err(fault(SceneErrorKind::Invalid, pointer, "the image has no texels"));
+    }
+    if width.max(height) > MAX_SIDE {
+        let detail = format!("the image is {width} x {height}; at most {MAX_SIDE} texels a side are read: shrink it");
+        return Err(fault(SceneErrorKind::TooLarge, pointer, &detail));
+    }
+    Ok((width, height))
+}
+
+fn pixels(scene: &Scene, image: usize) -> Result<Vec<u8>, SceneError> {
+    let decoded = reader(scene, image)?.decode().map_err(|error| undecodable(&scene.images[image].pointer, &error))?;
+    Ok(decoded.into_rgba8().into_raw())
+}
+
+fn check_total(sizes: &BTreeMap<usize, (u32, u32)>) -> Result<(), SceneError> {
+    let total: u64 = sizes.values().map(|(w, h)| u64::from(*w) * u64::from(*h)).sum();
+    if total <= MAX_TEXELS {
+        return Ok(());
+    }
+    let detail = format!("the images in use have {total} texels together; at most {MAX_TEXELS} are read: shrink them");
+    Err(fault(SceneErrorKind::TooLarge, "/images", &detail))
+}
+
+fn page_size(sizes: &[(u32, u32)]) -> u32 {
+    let largest = sizes.iter().map(|(w, h)| *w.max(h)).max().unwrap_or(1);
+    let area: f64 = sizes.iter().map(|(w, h)| f64::from(*w) * f64::from(*h)).sum();
+    let roomy = (area / FEW_PAGES).sqrt() as u32;
+    largest.max(roomy).next_power_of_two().clamp(MIN_PAGE, MAX_SIDE)
+}
+
+fn undecodable(pointer: &str, error: &image::ImageError) -> SceneError {
+    let kind = match error {
+        image::ImageError::Limits(_) => SceneErrorKind::TooLarge,
+        image::ImageError::Unsupported(_) => SceneErrorKind::Invalid,
+        _ => SceneErrorKind::Malformed,
+    };
+    fault(kind, pointer, &format!("the image cannot be decoded: {error}; export it again as PNG, JPEG or WebP"))
+}
+
+fn fault(kind: SceneErrorKind, pointer: &str, detail: &str) -> SceneError {
+    let code = if kind == SceneErrorKind::TooLarge { "image_too_large" } else { "image_undecodable" };
+    SceneError { kind, code, pointer: pointer.into(), detail: detail.into() }
+}
