@@ -39,11 +39,11 @@ pub fn albedo_table() -> &'static AlbedoTable {
     })
 }
 
-/// (E, B) towards a cosine, by integrating over visible normals (Heitz 2018): the lobe's value over its density is
-/// G2 / G1, smooth enough for the midpoint rule.
+/// (E, B) towards a cosine, by integrating over visible normals (Heitz 2018), where the lobe's value over its density
+/// is G2 / G1. The points are a golden-section lattice: directions end at the horizon, and a grid would feel the step.
 fn lobe_albedo(cosine: f64, roughness: f64) -> [f64; 2] {
-    const RINGS: u32 = 48;
-    const SPOKES: u32 = 48;
+    const POINTS: u32 = 4096;
+    const GOLDEN_SECTION: f64 = 0.618_033_988_749_894_9;
     let alpha = roughness * roughness;
     if alpha < MIRROR_ALPHA {
         return [1.0, (1.0 - cosine).powi(5)];
@@ -52,20 +52,18 @@ fn lobe_albedo(cosine: f64, roughness: f64) -> [f64; 2] {
     let cosine = cosine.max(1e-5);
     let wo = [(1.0 - cosine * cosine).sqrt(), 0.0, cosine];
     let mut sum = [0.0; 2];
-    for ring in 0..RINGS {
-        for spoke in 0..SPOKES {
-            let u = [(f64::from(spoke) + 0.5) / f64::from(SPOKES), (f64::from(ring) + 0.5) / f64::from(RINGS)];
-            let h = visible_normal(alpha, wo, u);
-            let cos_h = wo[0] * h[0] + wo[2] * h[2];
-            let cos_i = 2.0 * cos_h * h[2] - wo[2];
-            if cos_i > 0.0 {
-                let weight = masking_ratio(alpha, wo[2], cos_i);
-                sum[0] += weight;
-                sum[1] += weight * (1.0 - cos_h).powi(5);
-            }
+    for i in 0..POINTS {
+        let u = [(f64::from(i) * GOLDEN_SECTION).fract(), (f64::from(i) + 0.5) / f64::from(POINTS)];
+        let h = visible_normal(alpha, wo, u);
+        let cos_h = wo[0] * h[0] + wo[2] * h[2];
+        let cos_i = 2.0 * cos_h * h[2] - wo[2];
+        if cos_i > 0.0 {
+            let weight = masking_ratio(alpha, wo[2], cos_i);
+            sum[0] += weight;
+            sum[1] += weight * (1.0 - cos_h).powi(5);
         }
     }
-    sum.map(|s| s / f64::from(RINGS * SPOKES))
+    sum.map(|s| s / f64::from(POINTS))
 }
 
 /// A visible normal by spherical caps (Dupuy and Benyoub 2023); `wo` lies in the xz plane.
@@ -127,10 +125,10 @@ mod tests {
 
     #[test]
     fn agrees_with_a_plain_integral_over_directions() {
-        for (roughness, cosine) in [(0.5, 0.3), (0.8, 0.9), (1.0, 0.5), (1.0, 0.05)] {
+        for (roughness, cosine) in [(0.4, 0.15), (0.5, 0.3), (0.5, 1.0), (0.8, 0.9), (1.0, 0.5), (1.0, 0.05)] {
             let ours = lobe_albedo(cosine, roughness)[0];
             let plain = plain_albedo(cosine, roughness);
-            assert!((ours - plain).abs() < 1e-3, "roughness {roughness} cosine {cosine}: {ours} against {plain}");
+            assert!((ours - plain).abs() < 5e-4, "roughness {roughness} cosine {cosine}: {ours} against {plain}");
         }
     }
 
