@@ -1,0 +1,85 @@
+// The server's HTTP interface, and nothing else: requests out, plain objects and Problems back.
+
+/** An error reply (problem+json), or a request that got no reply. */
+export class Problem extends Error {
+  constructor({ title, detail, status = 0, code, errors = [], retryAfter }) {
+    super(detail ?? title);
+    Object.assign(this, { title, detail, status, code, errors, retryAfter });
+  }
+
+  static async from(response) {
+    const retryAfter = Number(response.headers.get("retry-after")) || undefined;
+    const said = await response.json().catch(() => ({}));
+    const title = said.title ?? `The server answered ${response.status}`;
+    return new Problem({ ...said, title, status: response.status, retryAfter });
+  }
+}
+
+async function ask(path, options) {
+  let response;
+  try {
+    response = await fetch(path, options);
+  } catch {
+    throw new Problem({ title: "The server cannot be reached", detail: "Check that it is running, then try again." });
+  }
+  if (!response.ok) throw await Problem.from(response);
+  return response;
+}
+
+const answer = async (path, options) => (await ask(path, options)).json();
+
+/** `files`: `[{file, path}]`, where `path` is the URI that the model calls the file by. Answers the description. */
+export async function uploadScene(files) {
+  const form = new FormData();
+  for (const { file, path } of files) form.append("scene", file, path);
+  const { id } = await answer("/v1/scenes", { method: "POST", body: form });
+  return answer(`/v1/scenes/${id}`);
+}
+
+/** Answers the id that `environment.hdri` takes. */
+export async function uploadImage(file) {
+  const form = new FormData();
+  form.append("image", file, file.name);
+  return (await answer("/v1/images", { method: "POST", body: form })).id;
+}
+
+/** Answers the job. */
+export function createJob(scene, params, priority = 0) {
+  const body = JSON.stringify({ scene, params, priority });
+  return answer("/v1/jobs", { method: "POST", body, headers: { "content-type": "application/json" } });
+}
+
+export function getJob(id) {
+  return answer(`/v1/jobs/${id}`);
+}
+
+/** Harmless for a job that has ended. */
+export function cancelJob(id) {
+  return fetch(`/v1/jobs/${id}/cancel`, { method: "POST", keepalive: true }).catch(() => {});
+}
+
+/** The picture of a job that succeeded, as a Blob. */
+export async function fetchResult(id, type = "image/png") {
+  return (await ask(`/v1/jobs/${id}/result`, { headers: { accept: type } })).blob();
+}
+
+const JOB_EVENTS = ["started", "progress", "preview", "completed", "failed", "cancelled"];
+const LAST_EVENTS = ["completed", "failed", "cancelled"];
+
+/**
+ * Calls `on(name, data)` for each event of a job, up to the one that ends it; `on("lost")` if the stream breaks for good.
+ * Answers a function that stops listening.
+ */
+export function followJob(id, on) {
+  const source = new EventSource(`/v1/jobs/${id}/events`);
+  for (const name of JOB_EVENTS) {
+    source.addEventListener(name, (event) => {
+      if (LAST_EVENTS.includes(name)) source.close();
+      on(name, JSON.parse(event.data));
+    });
+  }
+  source.addEventListener("error", () => {
+    if (source.readyState === EventSource.CLOSED) on("lost");
+  });
+  return () => source.close();
+}

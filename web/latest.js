@@ -1,0 +1,145 @@
+// Latest wins: of all the pictures asked for, the newest is rendered and an older one never covers a newer one.
+
+import { Problem, cancelJob, createJob, fetchResult, followJob, getJob } from "./api.js";
+
+const BUSY_RETRY_S = 2;
+
+/**
+ * `show` is told what happens: `picture(blob)` for every picture worth showing, and of the full-quality job
+ * `accepted()`, `started({device})`, `progress(progress)`, `done(id, report, blob)`, `cancelled()`, `failed(problem)` and
+ * `busy(seconds)`.
+ */
+export class LatestJob {
+  #show;
+  /** The wish that runs for full quality, and the draft under way. */
+  #final = null;
+  #draft = null;
+  #nextDraft = null;
+  #counter = 0;
+  #shown = 0;
+
+  constructor(show) {
+    this.#show = show;
+  }
+
+  /** A quick picture. While one is under way the newest wish waits for it, so that a moving hand sees every picture. */
+  draft(scene, params) {
+    this.cancel();
+    if (this.#draft) {
+      this.#nextDraft = { scene, params };
+    } else {
+      this.#draft = this.#start(scene, params, true);
+    }
+  }
+
+  /** The whole picture; a former one is cancelled. */
+  final(scene, params) {
+    this.cancel();
+    this.#nextDraft = null;
+    this.#final = this.#start(scene, params, false);
+  }
+
+  /** Ends the whole picture under way; answers whether there was one. */
+  cancel() {
+    const wish = this.#final;
+    this.#final = null;
+    if (!wish) return false;
+    wish.dropped = true;
+    wish.stop?.();
+    clearTimeout(wish.retry);
+    if (wish.id) cancelJob(wish.id);
+    return true;
+  }
+
+  #start(scene, params, draft) {
+    this.#counter += 1;
+    const wish = { scene, params, draft, order: this.#counter, dropped: false };
+    this.#post(wish);
+    return wish;
+  }
+
+  async #post(wish) {
+    try {
+      const job = await createJob(wish.scene, wish.params, wish.draft ? 1 : 0);
+      wish.id = job.id;
+      if (wish.dropped) {
+        cancelJob(job.id);
+        return;
+      }
+      if (!wish.draft) this.#show.accepted();
+      wish.stop = followJob(job.id, (name, data) => this.#event(wish, name, data));
+    } catch (problem) {
+      this.#fail(wish, problem);
+    }
+  }
+
+  #event(wish, name, data) {
+    if (wish.dropped) return;
+    if (name === "started" && !wish.draft) this.#show.started(data);
+    if (name === "progress" && !wish.draft) this.#show.progress(data);
+    if (name === "preview") this.#preview(wish, data);
+    if (name === "completed") this.#complete(wish, data.report);
+    if (name === "failed") this.#fail(wish, new Problem(data));
+    if (name === "cancelled") this.#end(wish, () => this.#show.cancelled());
+    if (name === "lost") this.#recover(wish);
+  }
+
+  async #preview(wish, { url }) {
+    const reply = await fetch(url).catch(() => null);
+    const blob = reply?.ok && (await reply.blob());
+    if (blob && !wish.complete) this.#reveal(wish, blob);
+  }
+
+  async #complete(wish, report) {
+    try {
+      const blob = await fetchResult(wish.id);
+      if (wish.dropped) return;
+      wish.complete = true;
+      this.#reveal(wish, blob);
+      this.#end(wish, () => this.#show.done(wish.id, report, blob));
+    } catch (problem) {
+      this.#fail(wish, problem);
+    }
+  }
+
+  /** The event stream broke: perhaps the job has ended all the same. */
+  async #recover(wish) {
+    try {
+      const job = await getJob(wish.id);
+      if (job.state === "succeeded") await this.#complete(wish, job.report);
+      else this.#fail(wish, new Problem({ title: "The connection to the job was lost", detail: "Render again to go on." }));
+    } catch (problem) {
+      this.#fail(wish, problem);
+    }
+  }
+
+  #reveal(wish, blob) {
+    if (wish.dropped || wish.order < this.#shown) return;
+    this.#shown = wish.order;
+    this.#show.picture(blob);
+  }
+
+  #fail(wish, problem) {
+    if (wish.dropped) return;
+    if (problem.status === 503 && !wish.draft) {
+      const seconds = problem.retryAfter ?? BUSY_RETRY_S;
+      this.#show.busy(seconds);
+      wish.retry = setTimeout(() => this.#post(wish), seconds * 1000);
+      return;
+    }
+    this.#end(wish, () => this.#show.failed(problem));
+  }
+
+  /** Frees the wish's place; tells of a draft's end only by going on with the next. */
+  #end(wish, tell) {
+    if (wish.draft) {
+      this.#draft = null;
+      const next = this.#nextDraft;
+      this.#nextDraft = null;
+      if (next) this.#draft = this.#start(next.scene, next.params, true);
+      return;
+    }
+    this.#final = null;
+    tell();
+  }
+}

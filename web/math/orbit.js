@@ -1,0 +1,73 @@
+// A camera on a sphere around its target, as in the API's `camera.orbit`. Values are never changed in place.
+
+import { add, dot, length, scale, subtract, tidy, tidyAll } from "./vector.js";
+import { fromAngles, radians, toAngles } from "./sphere.js";
+
+const STEEPEST = 89;
+
+/** Centre and radius of the sphere around a box `{min, max}`. */
+export function boundingSphere({ min, max }) {
+  return { center: scale(add(min, max), 0.5), radius: length(subtract(max, min)) / 2 || 1 };
+}
+
+export class Orbit {
+  /** Angles in degrees, lengths in scene units. */
+  constructor({ target, azimuth, elevation, distance, yfov }) {
+    Object.assign(this, { target, azimuth, elevation, distance, yfov });
+  }
+
+  /** The whole box in a picture of `aspect` = width / height. */
+  static framing(bounds, aspect, { azimuth = 30, elevation = 20, yfov = 45 } = {}) {
+    const { center, radius } = boundingSphere(bounds);
+    const half = radians(yfov) / 2;
+    const narrower = Math.min(half, Math.atan(Math.tan(half) * aspect));
+    return new Orbit({ target: center, azimuth, elevation, distance: radius / Math.sin(narrower), yfov });
+  }
+
+  /** Continues from a camera given by position and view direction; its target is at the depth of the scene's centre. */
+  static fromCamera({ position, direction, yfov }, bounds) {
+    const { center, radius } = boundingSphere(bounds);
+    const forward = scale(direction, 1 / length(direction));
+    const depth = dot(subtract(center, position), forward);
+    const distance = depth > radius * 0.01 ? depth : radius;
+    const { azimuth, elevation } = toAngles(scale(forward, -1));
+    return new Orbit({ target: add(position, scale(forward, distance)), azimuth, elevation, distance, yfov });
+  }
+
+  with(changes) {
+    return new Orbit({ ...this, ...changes });
+  }
+
+  /** Turns by a drag of (dx, dy) picture heights: the scene follows the hand. */
+  turned(dx, dy) {
+    const elevation = Math.min(Math.max(this.elevation + dy * 180, -STEEPEST), STEEPEST);
+    const azimuth = (((this.azimuth - dx * 180 + 180) % 360) + 360) % 360 - 180;
+    return this.with({ azimuth, elevation });
+  }
+
+  /** Shifts by a drag of (dx, dy) picture heights: what lies at the target's depth follows the hand. */
+  panned(dx, dy) {
+    const right = fromAngles(this.azimuth + 90, 0);
+    const up = fromAngles(this.azimuth, this.elevation + 90);
+    const height = 2 * this.distance * Math.tan(radians(this.yfov) / 2);
+    return this.with({ target: add(this.target, add(scale(right, -dx * height), scale(up, dy * height))) });
+  }
+
+  /** Comes `factor` times as near. */
+  zoomed(factor) {
+    return this.with({ distance: this.distance / factor });
+  }
+
+  /** The API's camera. */
+  toParams() {
+    return {
+      orbit: {
+        azimuth_degrees: tidy(this.azimuth),
+        elevation_degrees: tidy(this.elevation),
+        distance: tidy(this.distance),
+      },
+      target: tidyAll(this.target),
+      yfov_degrees: tidy(this.yfov),
+    };
+  }
+}

@@ -1,0 +1,80 @@
+// The request's lights, with add and remove; and whether those of the file shine.
+
+import { CheckField } from "./fields.js";
+import { LightCard } from "./light-card.js";
+import { el } from "./dom.js";
+import { add, scale, tidyAll } from "../math/vector.js";
+import { boundingSphere } from "../math/orbit.js";
+
+/** Where a new light stands, seen from the scene's centre: above, to the right, in front. */
+const ABOVE = [0.5, 0.8, 0.6];
+
+export class LightList {
+  /** `onChange(lights, sceneLights, live)`. */
+  constructor(element, onChange) {
+    this.lights = [];
+    this.sceneLights = true;
+    this.tell = (live) => onChange(this.lights, this.sceneLights, live);
+    this.ofFile = new CheckField("Lights of the file", { value: true }, (value) => {
+      this.sceneLights = value;
+      this.tell(false);
+    });
+    this.list = el("ul", { class: "cards", "aria-label": "Lights" });
+    this.addButton = el("button", { type: "button", onclick: () => this.#add() }, "Add light");
+    element.append(this.ofFile.element, this.list, el("div", { class: "row" }, this.addButton));
+  }
+
+  /** Begins anew with a scene. */
+  open(scene) {
+    this.lights = [];
+    this.sceneLights = true;
+    this.sphere = boundingSphere(scene.bounds);
+    this.ofFile.value = true;
+    this.ofFile.element.hidden = scene.lights.length === 0;
+    this.ofFile.element.lastChild.textContent = `Lights of the file (${scene.lights.length})`;
+    this.#draw();
+  }
+
+  /** About what lights a white surface at the scene's centre fully. */
+  #usual(type) {
+    const distance = this.sphere.radius * 2;
+    return { point: Math.PI * distance ** 2, spot: Math.PI * distance ** 2, directional: Math.PI, ambient: 0.5 }[type];
+  }
+
+  #add() {
+    const offset = scale(ABOVE, (this.sphere.radius * 2) / Math.hypot(...ABOVE));
+    this.lights.push({
+      on: true,
+      type: "point",
+      position: tidyAll(add(this.sphere.center, offset), 3),
+      direction: tidyAll(scale(ABOVE, -1), 3),
+      color: [1, 1, 1],
+      intensity: this.#usual("point"),
+      range: null,
+      inner_cone_degrees: 15,
+      outer_cone_degrees: 30,
+      falloff: "gltf",
+    });
+    this.#draw();
+    this.list.lastElementChild.querySelector("select").focus();
+    this.tell(false);
+  }
+
+  #remove(light) {
+    this.lights = this.lights.filter((other) => other !== light);
+    this.#draw();
+    this.addButton.focus();
+    this.tell(false);
+  }
+
+  #draw() {
+    const cards = this.lights.map((light, i) => new LightCard(light, {
+      number: i + 1,
+      usual: (type) => this.#usual(type),
+      onChange: this.tell,
+      onRemove: () => this.#remove(light),
+    }));
+    this.list.replaceChildren(...cards.map(({ element }) => element));
+    this.list.hidden = cards.length === 0;
+  }
+}

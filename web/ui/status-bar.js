@@ -1,0 +1,85 @@
+// How the render goes: a bar, the numbers, and one line of words that screen readers hear.
+
+const percent = (x) => `${(x * 100).toPrecision(2)} %`;
+const STOPS = { max_samples: "all samples taken", target_error: "target error reached", deadline: "time is up" };
+
+/** A span of time for people. */
+function duration(seconds) {
+  if (seconds < 1) return `${Math.round(seconds * 1000)} ms`;
+  if (seconds < 60) return `${seconds.toFixed(1)} s`;
+  return `${Math.floor(seconds / 60)} min ${Math.round(seconds % 60)} s`;
+}
+
+function errorText(error, bound) {
+  if (error === null || error === undefined) return "–";
+  return bound === null || bound === undefined ? percent(error) : `${percent(error)} (95 %: ≤ ${percent(bound)})`;
+}
+
+export class StatusBar {
+  #started = 0;
+  #clock = null;
+
+  /** `element` holds `.words`, a `progress`, `.cancel` and the numbers by `data-number`. */
+  constructor(element, onCancel) {
+    this.words = element.querySelector(".words");
+    this.bar = element.querySelector("progress");
+    this.cancelButton = element.querySelector(".cancel");
+    this.cancelButton.addEventListener("click", onCancel);
+    this.numbers = Object.fromEntries(
+      [...element.querySelectorAll("[data-number]")].map((node) => [node.dataset.number, node]),
+    );
+    this.root = element;
+  }
+
+  /** Words only; `busy`: with a bar that does not know how far it is. */
+  say(words, { busy = false } = {}) {
+    this.words.textContent = words;
+    this.#run(busy, null);
+  }
+
+  begin() {
+    this.#started = performance.now();
+    this.words.textContent = "Rendering";
+    this.#write({ samples: "–", error: "–", time: duration(0) });
+    this.#run(true, null);
+    this.#clock = setInterval(() => this.#write({ time: duration((performance.now() - this.#started) / 1000) }), 100);
+    this.cancelButton.disabled = false;
+  }
+
+  progress({ fraction, samples, error, error_bound_95: bound, eta_seconds: eta }) {
+    this.#write({ samples: String(samples), error: errorText(error, bound) });
+    this.bar.value = fraction;
+    this.bar.title = eta === null || eta === undefined ? "" : `about ${duration(eta)} left`;
+  }
+
+  started({ device }) {
+    this.#write({ device });
+  }
+
+  /** The numbers of a finished render: time is the server's, from queue to file. */
+  done(report) {
+    const { seconds } = report;
+    const time = Object.values(seconds).reduce((a, b) => a + b, 0);
+    this.#run(false, 1);
+    this.words.textContent = `Done: ${STOPS[report.stop_reason] ?? report.stop_reason}`;
+    this.#write({
+      samples: String(report.samples),
+      error: errorText(report.error, report.error_bound_95),
+      time: duration(time),
+      device: report.device.name,
+    });
+    this.numbers.time.title = Object.entries(seconds).map(([stage, s]) => `${stage}: ${duration(s)}`).join("\n");
+  }
+
+  #run(running, fraction) {
+    clearInterval(this.#clock);
+    this.root.classList.toggle("running", running);
+    if (fraction === null) this.bar.removeAttribute("value");
+    else this.bar.value = fraction;
+    this.cancelButton.disabled = true;
+  }
+
+  #write(numbers) {
+    for (const [name, text] of Object.entries(numbers)) this.numbers[name].textContent = text;
+  }
+}
