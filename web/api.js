@@ -28,12 +28,21 @@ async function ask(path, options) {
 
 const answer = async (path, options) => (await ask(path, options)).json();
 
-/** `files`: `[{file, path}]`, where `path` is the URI that the model calls the file by. Answers the description. */
+/** What a scene without triangles is taken to fill. */
+const NO_BOUNDS = { min: [-1, -1, -1], max: [1, 1, 1] };
+const USUAL_YFOV = 45;
+
+/**
+ * `files`: `[{file, path}]`, where `path` is the URI that the model calls the file by. Answers
+ * `{id, bounds: {min, max}, cameras: [{name, position, direction, yfov}], lights, warnings}`.
+ */
 export async function uploadScene(files) {
   const form = new FormData();
   for (const { file, path } of files) form.append("scene", file, path);
   const { id } = await answer("/v1/scenes", { method: "POST", body: form });
-  return answer(`/v1/scenes/${id}`);
+  const scene = await answer(`/v1/scenes/${id}`);
+  const cameras = scene.cameras.map((camera) => ({ ...camera, yfov: camera.lens.yfov_degrees ?? USUAL_YFOV }));
+  return { ...scene, cameras, bounds: scene.bounds ?? NO_BOUNDS };
 }
 
 /** Answers the id that `environment.hdri` takes. */

@@ -18,7 +18,10 @@ function filePart(name, path) {
  */
 export function curlCommand({ origin, files, hdri, params }) {
   const named = hdri ? { ...params, environment: { ...params.environment, hdri } } : params;
-  const stem = files[0].split("/").pop().replace(/\.[^.]*$/, "");
+  const stem = files[0]
+    .split("/")
+    .pop()
+    .replace(/\.[^.]*$/, "");
   return [
     `curl ${files.map((path) => filePart("scene", path)).join(" ")}`,
     ...(hdri ? [filePart("image", hdri)] : []),

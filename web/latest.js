@@ -3,11 +3,12 @@
 import { Problem, cancelJob, createJob, fetchResult, followJob, getJob } from "./api.js";
 
 const BUSY_RETRY_S = 2;
+const DRAFT_PRIORITY = 50;
 
 /**
- * `show` is told what happens: `picture(blob)` for every picture worth showing, and of the full-quality job
- * `accepted()`, `started({device})`, `progress(progress)`, `done(id, report, blob)`, `cancelled()`, `failed(problem)` and
- * `busy(seconds)`.
+ * `show` is told what happens: `picture(blob)` for every picture worth showing (it may answer a promise), and of the
+ * full-quality job `accepted()`, `started({device})`, `progress(progress)`, `done(id, report, blob)`, `cancelled()`,
+ * `failed(problem)` and `busy(seconds)`.
  */
 export class LatestJob {
   #show;
@@ -60,7 +61,7 @@ export class LatestJob {
 
   async #post(wish) {
     try {
-      const job = await createJob(wish.scene, wish.params, wish.draft ? 1 : 0);
+      const job = await createJob(wish.scene, wish.params, wish.draft ? DRAFT_PRIORITY : 0);
       wish.id = job.id;
       if (wish.dropped) {
         cancelJob(job.id);
@@ -77,7 +78,7 @@ export class LatestJob {
     if (wish.dropped) return;
     if (name === "started" && !wish.draft) this.#show.started(data);
     if (name === "progress" && !wish.draft) this.#show.progress(data);
-    if (name === "preview") this.#preview(wish, data);
+    if (name === "preview" && !wish.draft) this.#preview(wish, data);
     if (name === "completed") this.#complete(wish, data.report);
     if (name === "failed") this.#fail(wish, new Problem(data));
     if (name === "cancelled") this.#end(wish, () => this.#show.cancelled());
@@ -95,7 +96,8 @@ export class LatestJob {
       const blob = await fetchResult(wish.id);
       if (wish.dropped) return;
       wish.complete = true;
-      this.#reveal(wish, blob);
+      await this.#reveal(wish, blob);
+      if (wish.dropped) return;
       this.#end(wish, () => this.#show.done(wish.id, report, blob));
     } catch (problem) {
       this.#fail(wish, problem);
@@ -107,16 +109,20 @@ export class LatestJob {
     try {
       const job = await getJob(wish.id);
       if (job.state === "succeeded") await this.#complete(wish, job.report);
-      else this.#fail(wish, new Problem({ title: "The connection to the job was lost", detail: "Render again to go on." }));
+      else
+        this.#fail(
+          wish,
+          new Problem({ title: "The connection to the job was lost", detail: "Render again to go on." }),
+        );
     } catch (problem) {
       this.#fail(wish, problem);
     }
   }
 
-  #reveal(wish, blob) {
+  async #reveal(wish, blob) {
     if (wish.dropped || wish.order < this.#shown) return;
     this.#shown = wish.order;
-    this.#show.picture(blob);
+    await this.#show.picture(blob);
   }
 
   #fail(wish, problem) {

@@ -24,6 +24,7 @@ const byId = (id) => document.getElementById(id);
 class Controller {
   #rest = null;
   #opening = 0;
+  #sentAgain = false;
 
   constructor() {
     this.settings = START;
@@ -34,9 +35,17 @@ class Controller {
     this.notices = new Notices(byId("alert"), byId("notes"));
     this.status = new StatusBar(byId("status"), () => this.#cancel());
     this.viewport = new Viewport(byId("viewport"), this.#hand());
-    this.camera = new CameraPanel(byId("camera"), (_, live) => this.#changed(live), () => this.#frame());
-    this.lights = new LightList(byId("lights"), (_, scene_lights, live) => this.#set({ scene_lights }, live));
-    this.environment = new EnvironmentPanel(byId("environment"), (_, live) => this.#changed(live), (file) => this.#openHdri(file));
+    this.camera = new CameraPanel(
+      byId("camera"),
+      (live) => this.#changed(live),
+      () => this.#frame(),
+    );
+    this.lights = new LightList(byId("lights"), (sceneLights, live) => this.#set({ scene_lights: sceneLights }, live));
+    this.environment = new EnvironmentPanel(
+      byId("environment"),
+      (live) => this.#changed(live),
+      (file) => this.#openHdri(file),
+    );
     for (const panel of ["look", "quality", "picture"]) {
       new SettingsPanel(byId(panel), panel, START, (changes, live) => this.#set(changes, live));
     }
@@ -47,7 +56,8 @@ class Controller {
     });
     new DropZone(document.body, [byId("choose-files"), byId("choose-folder")], (files) => this.#drop(files));
     byId("save-model").addEventListener("click", () => save(this.files[0].file, this.files[0].path));
-    this.viewport.aspect = START.width / START.height;
+    window.addEventListener("pagehide", () => this.job.cancel());
+    this.viewport.aspect = this.#aspect();
   }
 
   /** The first picture, before the visitor does anything. */
@@ -72,9 +82,7 @@ class Controller {
   async #open(files, { environment, demo = false } = {}) {
     this.#opening += 1;
     const mine = this.#opening;
-    this.job.cancel();
-    this.notices.clearError();
-    this.status.say(`Reading ${files[0].path}`, { busy: true });
+    const goBack = this.#pauseToRead(files[0].path);
     try {
       const scene = await uploadScene(files);
       if (mine !== this.#opening) return;
@@ -82,17 +90,28 @@ class Controller {
       byId("save-model").hidden = !demo;
       document.body.classList.toggle("welcome", demo);
     } catch (problem) {
-      if (mine !== this.#opening) return;
-      this.notices.error(problem);
-      this.status.say(this.scene ? "The former model stays" : "No model");
+      if (mine === this.#opening) goBack(problem);
     }
+  }
+
+  /** Stops the picture under way while a file is read; answers what to do if that fails. */
+  #pauseToRead(name) {
+    const interrupted = this.job.cancel();
+    this.notices.clearError();
+    this.status.say(`Reading ${name}`, { busy: true });
+    return (problem) => {
+      this.notices.error(problem);
+      if (interrupted) this.#changed(false);
+      else this.status.say(this.scene ? `${name} was not opened` : "No model");
+    };
   }
 
   #show(scene, files, environment) {
     this.scene = scene;
     this.files = files;
     byId("model-name").textContent = files[0].path;
-    this.camera.open(scene, this.#firstOrbit(scene));
+    document.title = `${files[0].path} – Candela`;
+    this.camera.open(scene, Orbit.framing(scene.bounds, this.#aspect()));
     this.lights.open(scene);
     this.environment.open(environment);
     this.settings = { ...this.settings, scene_lights: true };
@@ -105,18 +124,10 @@ class Controller {
     return this.settings.width / this.settings.height;
   }
 
-  /** Continues the file's first camera, or frames the scene. */
-  #firstOrbit(scene) {
-    const first = scene.cameras[0];
-    return first?.position
-      ? Orbit.fromCamera({ ...first, yfov: first.yfov_degrees ?? 45 }, scene.bounds)
-      : Orbit.framing(scene.bounds, this.#aspect());
-  }
-
   #hand() {
     const move = (by) => {
       if (!this.scene) return;
-      this.camera.orbit = by(this.#currentOrbit());
+      this.camera.orbit = by(this.camera.orbit);
       this.#changed(true);
     };
     return {
@@ -127,16 +138,9 @@ class Controller {
     };
   }
 
-  /** Where a free orbit begins: at the camera of the file that is shown, or where it was left. */
-  #currentOrbit() {
-    const { index, orbit } = this.camera.camera;
-    const shown = index === null ? null : this.scene.cameras[index];
-    return shown?.position ? Orbit.fromCamera({ ...shown, yfov: shown.yfov_degrees ?? 45 }, this.scene.bounds) : orbit;
-  }
-
   #frame() {
     if (!this.scene) return;
-    const { azimuth, elevation, yfov } = this.#currentOrbit();
+    const { azimuth, elevation, yfov } = this.camera.orbit;
     this.camera.orbit = Orbit.framing(this.scene.bounds, this.#aspect(), { azimuth, elevation, yfov });
     this.#changed(false);
   }
@@ -179,20 +183,32 @@ class Controller {
       picture: (blob) => this.viewport.show(blob, `Render of ${this.files[0].path}`),
       done: (id, report, blob) => this.#done(id, report, blob),
       cancelled: () => this.status.say("Cancelled"),
-      failed: (problem) => {
-        this.status.say("Failed");
-        this.notices.error(problem);
-      },
+      failed: (problem) => this.#failed(problem),
       busy: (seconds) => this.status.say(`The server is busy: trying again in ${seconds} s`, { busy: true }),
     };
   }
 
   #done(id, report, blob) {
+    this.#sentAgain = false;
     this.finished = { id, blob };
     this.exports.ready = true;
     this.notices.clearError();
     this.status.done(report);
     this.notices.report(report);
+  }
+
+  /** A server that forgot the scene (a restart, or too many scenes) gets it once more. */
+  async #failed(problem) {
+    const forgotten = problem.code === "scene_not_found" && !this.#sentAgain;
+    this.#sentAgain = forgotten;
+    try {
+      if (!forgotten) throw problem;
+      await uploadScene(this.files);
+      this.#changed(false);
+    } catch (reason) {
+      this.status.say("Failed");
+      this.notices.error(reason);
+    }
   }
 
   #cancel() {
@@ -201,17 +217,19 @@ class Controller {
   }
 
   async #openHdri(file) {
-    this.status.say(`Reading ${file.name}`, { busy: true });
+    const goBack = this.#pauseToRead(file.name);
     try {
       this.environment.hdri = { id: await uploadImage(file), name: file.name };
     } catch (problem) {
-      this.notices.error(problem);
-      this.status.say("The former environment stays");
+      goBack(problem);
     }
   }
 
   #stem() {
-    return this.files[0].path.split("/").pop().replace(/\.[^.]*$/, "");
+    return this.files[0].path
+      .split("/")
+      .pop()
+      .replace(/\.[^.]*$/, "");
   }
 
   async #saveExr() {

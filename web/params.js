@@ -44,7 +44,9 @@ const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 /** The entries of `values` that `defaults` names and that differ from it. */
 function different(values, defaults) {
   return Object.fromEntries(
-    Object.keys(defaults).filter((key) => !same(values[key], defaults[key])).map((key) => [key, values[key]]),
+    Object.keys(defaults)
+      .filter((key) => !same(values[key], defaults[key]))
+      .map((key) => [key, values[key]]),
   );
 }
 

@@ -3,7 +3,9 @@
 import { add, dot, length, scale, subtract, tidy, tidyAll } from "./vector.js";
 import { fromAngles, radians, toAngles } from "./sphere.js";
 
+/** Short of the poles, where up would be undefined. */
 const STEEPEST = 89;
+const clampElevation = (degrees) => Math.min(Math.max(degrees, -STEEPEST), STEEPEST);
 
 /** Centre and radius of the sphere around a box `{min, max}`. */
 export function boundingSphere({ min, max }) {
@@ -27,11 +29,12 @@ export class Orbit {
   /** Continues from a camera given by position and view direction; its target is at the depth of the scene's centre. */
   static fromCamera({ position, direction, yfov }, bounds) {
     const { center, radius } = boundingSphere(bounds);
-    const forward = scale(direction, 1 / length(direction));
+    const forward = scale(direction, 1 / (length(direction) || 1));
     const depth = dot(subtract(center, position), forward);
     const distance = depth > radius * 0.01 ? depth : radius;
     const { azimuth, elevation } = toAngles(scale(forward, -1));
-    return new Orbit({ target: add(position, scale(forward, distance)), azimuth, elevation, distance, yfov });
+    const target = add(position, scale(forward, distance));
+    return new Orbit({ target, azimuth, elevation: clampElevation(elevation), distance, yfov });
   }
 
   with(changes) {
@@ -40,8 +43,8 @@ export class Orbit {
 
   /** Turns by a drag of (dx, dy) picture heights: the scene follows the hand. */
   turned(dx, dy) {
-    const elevation = Math.min(Math.max(this.elevation + dy * 180, -STEEPEST), STEEPEST);
-    const azimuth = (((this.azimuth - dx * 180 + 180) % 360) + 360) % 360 - 180;
+    const elevation = clampElevation(this.elevation + dy * 180);
+    const azimuth = ((((this.azimuth - dx * 180 + 180) % 360) + 360) % 360) - 180;
     return this.with({ azimuth, elevation });
   }
 

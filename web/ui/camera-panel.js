@@ -2,40 +2,59 @@
 
 import { SelectField, SliderField, NumberField } from "./fields.js";
 import { el } from "./dom.js";
-import { boundingSphere } from "../math/orbit.js";
+import { Orbit, boundingSphere } from "../math/orbit.js";
 
 const FREE = "free";
-const WIDEST_LENS = 0.1;
+
+/** Largest aperture of the slider, as a part of the scene's radius. */
+const WIDEST = 0.1;
+
+const HELP =
+  "Drag turns, Shift or the right button pans, the wheel zooms. Touch: one finger turns, two pan and pinch. " +
+  "Keys: arrows, Shift + arrows, + and −; 0 shows all.";
 
 export class CameraPanel {
-  /** `onChange(camera, live)`; `onFrame()` asks for the whole scene in the picture. */
+  /**
+   * What is shown: camera `index` of the file, or the free `orbit` if that is null; the orbit is then where a hand goes
+   * on from.
+   */
+  camera = { index: null, orbit: null, aperture_radius: 0, focus_distance: null };
+
+  /** `onChange(live)`; `onFrame()` asks for the whole scene in the picture. */
   constructor(element, onChange, onFrame) {
     this.onChange = onChange;
     this.fields = el("div", { class: "fields" });
     const frame = el("button", { type: "button", onclick: onFrame }, "Show all");
-    element.append(this.fields, el("div", { class: "row" }, frame), el("p", { class: "hint" },
-      "Drag turns, Shift or right button pans, wheel zooms. Touch: one finger turns, two pan and pinch. Keys: arrows, Shift + arrows, + and −, 0 shows all."));
+    element.append(this.fields, el("div", { class: "row" }, frame), el("p", { class: "hint" }, HELP));
   }
 
-  /** Begins with a scene's first camera, or with `orbit` if it has none. */
-  open(scene, orbit) {
-    this.camera = { index: scene.cameras.length > 0 ? 0 : null, orbit, aperture_radius: 0, focus_distance: null };
+  /** Begins with a scene's first camera, or with `framing` if it has none. */
+  open(scene, framing) {
+    this.scene = scene;
+    this.camera = { index: null, orbit: framing, aperture_radius: 0, focus_distance: null };
     const named = scene.cameras.map(({ name }, i) => [String(i), name ?? `Camera ${i + 1}`]);
-    const { radius } = boundingSphere(scene.bounds);
-    this.view = new SelectField("View", { value: FREE, options: [...named, [FREE, "Free orbit"]] }, (value) =>
-      this.#change({ index: value === FREE ? null : Number(value) }, false),
+    const options = [...named, [FREE, "Free orbit"]];
+    this.view = new SelectField("View", { value: FREE, options }, (value) =>
+      this.#change(value === FREE ? { index: null } : this.#placed(Number(value)), false),
     );
-    this.fov = new SliderField("Field of view", { value: orbit.yfov, min: 5, max: 120, lowest: 1, highest: 170, unit: "°" }, (yfov, live) =>
-      this.#change({ index: null, orbit: this.camera.orbit.with({ yfov }) }, live),
+    const angle = { value: framing.yfov, min: 5, max: 120, lowest: 1, highest: 170, unit: "°" };
+    this.fov = new SliderField("Field of view", angle, (yfov, live) =>
+      this.#change({ index: null, orbit: this.orbit.with({ yfov }) }, live),
     );
-    const lens = new SliderField("Aperture", { value: 0, min: 0, max: radius * WIDEST_LENS }, (aperture_radius, live) =>
-      this.#change({ aperture_radius }, live),
+    const widest = boundingSphere(scene.bounds).radius * WIDEST;
+    const aperture = new SliderField("Aperture", { value: 0, min: 0, max: widest }, (radius, live) =>
+      this.#change({ aperture_radius: radius }, live),
     );
-    const focus = new NumberField("Focus at", { value: null, min: 1e-6, placeholder: "target" }, (focus_distance, live) =>
-      this.#change({ focus_distance }, live),
+    const focus = new NumberField("Focus at", { value: null, min: 1e-6, placeholder: "target" }, (distance, live) =>
+      this.#change({ focus_distance: distance }, live),
     );
-    this.fields.replaceChildren(this.view.element, this.fov.element, lens.element, focus.element);
+    this.fields.replaceChildren(...[this.view, this.fov, aperture, focus].map(({ element }) => element));
+    if (scene.cameras.length > 0) Object.assign(this.camera, this.#placed(0));
     this.#reflect();
+  }
+
+  get orbit() {
+    return this.camera.orbit;
   }
 
   /** Takes an orbit that came from elsewhere (a hand on the picture). */
@@ -44,14 +63,18 @@ export class CameraPanel {
     this.#reflect();
   }
 
+  #placed(index) {
+    return { index, orbit: Orbit.fromCamera(this.scene.cameras[index], this.scene.bounds) };
+  }
+
   #change(changes, live) {
     this.camera = { ...this.camera, ...changes };
     this.#reflect();
-    this.onChange(this.camera, live);
+    this.onChange(live);
   }
 
   #reflect() {
     this.view.value = this.camera.index === null ? FREE : String(this.camera.index);
-    if (document.activeElement !== this.fov.number) this.fov.value = this.camera.orbit.yfov;
+    if (document.activeElement !== this.fov.number) this.fov.value = this.orbit.yfov;
   }
 }

@@ -34,7 +34,9 @@ export function modelFirst(files) {
   const models = files.filter(({ path }) => MODEL.test(path));
   if (models.length === 0) throw new Error("None of these files is a .glb, .gltf or .zip.");
   if (models.length > 1) {
-    throw new Error(`There are ${models.length} models here (${models.map(({ path }) => path).join(", ")}): choose one.`);
+    throw new Error(
+      `There are ${models.length} models here (${models.map(({ path }) => path).join(", ")}): choose one.`,
+    );
   }
   const [model] = models;
   if (!/\.gltf$/i.test(model.path)) return [{ file: model.file, path: model.file.name }];

@@ -22,7 +22,7 @@ const NEUTRAL = {
 };
 
 export class EnvironmentPanel {
-  /** `onChange(environment, live)`; `onFile(file)` uploads an HDRI and then sets `hdri`. */
+  /** `onChange(live)`; `onFile(file)` uploads an HDRI and then sets `hdri`. */
   constructor(element, onChange, onFile) {
     this.onChange = onChange;
     this.onFile = onFile;
@@ -45,7 +45,7 @@ export class EnvironmentPanel {
 
   #change(changes, live) {
     this.environment = { ...this.environment, ...changes };
-    this.onChange(this.environment, live);
+    this.onChange(live);
   }
 
   #build() {
@@ -57,20 +57,24 @@ export class EnvironmentPanel {
     });
     const given = !["auto", "none"].includes(environment.kind);
     const fields = [kind.element, ...this.#source(), ...(given ? this.#common() : [])];
-    if (environment.kind === "auto") fields.push(el("p", { class: "hint" }, "A neutral sky, if nothing else in the scene shines."));
+    if (environment.kind === "auto")
+      fields.push(el("p", { class: "hint" }, "A neutral sky, if nothing else in the scene shines."));
     this.body.replaceChildren(...fields);
   }
 
   #source() {
     const { kind, constant, gradient } = this.environment;
     if (kind === "constant") {
-      return [new ColorField("Colour", { value: constant }, (value, live) => this.#change({ constant: value }, live)).element];
+      return [
+        new ColorField("Colour", { value: constant }, (value, live) => this.#change({ constant: value }, live)).element,
+      ];
     }
     if (kind === "gradient") {
-      return Object.entries({ top: "Top", horizon: "Horizon", bottom: "Bottom" }).map(([name, label]) =>
-        new ColorField(label, { value: gradient[name] }, (value, live) =>
-          this.#change({ gradient: { ...this.environment.gradient, [name]: value } }, live),
-        ).element,
+      return Object.entries({ top: "Top", horizon: "Horizon", bottom: "Bottom" }).map(
+        ([name, label]) =>
+          new ColorField(label, { value: gradient[name] }, (value, live) =>
+            this.#change({ gradient: { ...this.environment.gradient, [name]: value } }, live),
+          ).element,
       );
     }
     return kind === "hdri" ? [this.#chooser()] : [];
@@ -98,9 +102,13 @@ export class EnvironmentPanel {
       new CheckField("Seen by the camera", { value: visible }, (value) => this.#change({ visible: value }, false)),
     ];
     if (kind === "hdri") {
-      fields.splice(1, 0, new SliderField("Rotation", { value: rotation, min: -180, max: 180, unit: "°" }, (value, live) =>
-        this.#change({ rotation_degrees: value }, live),
-      ));
+      fields.splice(
+        1,
+        0,
+        new SliderField("Rotation", { value: rotation, min: -180, max: 180, unit: "°" }, (value, live) =>
+          this.#change({ rotation_degrees: value }, live),
+        ),
+      );
     }
     return fields.map(({ element }) => element);
   }

@@ -44,7 +44,10 @@ export class ExportBar {
 
   /** The clipboard may be refused (a page without TLS): then the text is selected for the person's own copy. */
   async #copy() {
-    const copied = await navigator.clipboard?.writeText(this.text.value).then(() => true, () => false);
+    const copied = await navigator.clipboard?.writeText(this.text.value).then(
+      () => true,
+      () => false,
+    );
     if (!copied) this.text.select();
     this.copyButton.textContent = copied ? "Copied" : "Press Ctrl+C";
     setTimeout(() => {

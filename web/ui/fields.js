@@ -15,7 +15,12 @@ function row(label, id, ...controls) {
 function group(label, ...controls) {
   const id = newId();
   const name = el("span", { id, class: "label" }, label);
-  return el("div", { class: "field", role: "group", "aria-labelledby": id }, name, el("div", { class: "controls" }, ...controls));
+  return el(
+    "div",
+    { class: "field", role: "group", "aria-labelledby": id },
+    name,
+    el("div", { class: "controls" }, ...controls),
+  );
 }
 
 function numberInput(attributes, onInput) {
@@ -182,7 +187,10 @@ export class DirectionField {
 
   get value() {
     const source = fromAngles(this.azimuth.value, this.elevation.value);
-    return tidyAll(source.map((x) => -x), 4).map((x) => (Math.abs(x) < 1e-4 ? 0 : x));
+    return tidyAll(
+      source.map((x) => -x),
+      4,
+    ).map((x) => (Math.abs(x) < 1e-4 ? 0 : x));
   }
 
   set value(direction) {

@@ -1,25 +1,50 @@
 // One light: its kind, and the fields that this kind has.
 
-import { CheckField, ColorField, DirectionField, NumberField, SelectField, SliderField, VectorField } from "./fields.js";
+import {
+  CheckField,
+  ColorField,
+  DirectionField,
+  NumberField,
+  SelectField,
+  SliderField,
+  VectorField,
+} from "./fields.js";
 import { el } from "./dom.js";
+import { subtract, tidyAll } from "../math/vector.js";
 import { lightFields } from "../params.js";
 
-const KINDS = [["point", "Point"], ["spot", "Spot"], ["directional", "Directional"], ["ambient", "Ambient"]];
+const KINDS = [
+  ["point", "Point"],
+  ["spot", "Spot"],
+  ["directional", "Directional"],
+  ["ambient", "Ambient"],
+];
 const UNITS = { point: "cd", spot: "cd", directional: "lx", ambient: "cd/m²" };
-const FALLOFFS = [["gltf", "glTF (squared)"], ["linear", "Linear in angle"]];
+const FALLOFFS = [
+  ["gltf", "glTF (squared)"],
+  ["linear", "Linear in angle"],
+];
 
 /** Sliders reach this factor above and below a kind's usual intensity. */
 const REACH = 64;
 
 export class LightCard {
-  /** `light` has the fields of all kinds, so that a change of kind loses nothing. `usual(kind)`: an intensity that suits the scene. */
-  constructor(light, { number, usual, onChange, onRemove }) {
+  /**
+   * `light` has the fields of all kinds, so that a change of kind loses nothing. `usual(kind)`: an
+   * intensity that suits the scene; `center`: its middle.
+   */
+  constructor(light, { number, usual, center, onChange, onRemove }) {
     this.light = light;
     this.usual = usual;
+    this.center = center;
     this.onChange = onChange;
     this.body = el("div", { class: "fields" });
     const on = new CheckField(`Light ${number}`, { value: light.on }, (value) => this.#change({ on: value }, false));
-    const remove = el("button", { type: "button", class: "quiet", "aria-label": `Remove light ${number}`, title: "Remove", onclick: onRemove }, "✕");
+    const remove = el(
+      "button",
+      { type: "button", class: "quiet", "aria-label": `Remove light ${number}`, title: "Remove", onclick: onRemove },
+      "✕",
+    );
     this.element = el("li", { class: "card" }, el("div", { class: "card-head" }, on.element, remove), this.body);
     this.#build();
   }
@@ -43,9 +68,19 @@ export class LightCard {
       position: () => new VectorField("Position", { value: light.position }, set("position")),
       direction: () => new DirectionField({ value: light.direction }, set("direction")),
       color: () => new ColorField("Colour", { value: light.color }, set("color")),
-      intensity: () => new SliderField("Intensity", {
-        value: light.intensity, min: middle / REACH, max: middle * REACH, log: true, lowest: 0, unit: UNITS[light.type],
-      }, set("intensity")),
+      intensity: () =>
+        new SliderField(
+          "Intensity",
+          {
+            value: light.intensity,
+            min: middle / REACH,
+            max: middle * REACH,
+            log: true,
+            lowest: 0,
+            unit: UNITS[light.type],
+          },
+          set("intensity"),
+        ),
       range: () => new NumberField("Range", { value: light.range, min: 1e-6, placeholder: "infinite" }, set("range")),
       inner_cone_degrees: () => this.#cone("Inner cone", "inner_cone_degrees", 0),
       outer_cone_degrees: () => this.#cone("Outer cone", "outer_cone_degrees", 0.1),
@@ -53,16 +88,29 @@ export class LightCard {
     };
     const kind = new SelectField("Kind", { value: light.type, options: KINDS }, (type) => this.#changeKind(type));
     this.fields = Object.fromEntries(lightFields(light.type).map((name) => [name, makers[name]()]));
-    this.body.replaceChildren(kind.element, ...Object.values(this.fields).map(({ element }) => element));
+    const aim = el("button", { type: "button", onclick: () => this.#aim() }, "Aim at the middle");
+    const rows = Object.values(this.fields).map(({ element }) => element);
+    this.body.replaceChildren(kind.element, ...rows, ...(light.type === "spot" ? [aim] : []));
+  }
+
+  #aim() {
+    const direction = tidyAll(subtract(this.center, this.light.position), 4);
+    if (direction.every((x) => x === 0)) return;
+    this.fields.direction.value = direction;
+    this.#change({ direction }, false);
   }
 
   /** The inner cone stays within the outer one. */
   #cone(label, name, lowest) {
-    return new SliderField(label, { value: this.light[name], min: lowest, max: 90, highest: 90, unit: "°" }, (value, live) => {
-      const { inner_cone_degrees: inner, outer_cone_degrees: outer } = { ...this.light, [name]: value };
-      const other = name === "inner_cone_degrees" ? "outer_cone_degrees" : "inner_cone_degrees";
-      if (inner >= outer) this.fields[other].value = value;
-      this.#change({ [name]: value, ...(inner > outer && { [other]: value }) }, live);
-    });
+    return new SliderField(
+      label,
+      { value: this.light[name], min: lowest, max: 90, highest: 90, unit: "°" },
+      (value, live) => {
+        const { inner_cone_degrees: inner, outer_cone_degrees: outer } = { ...this.light, [name]: value };
+        const other = name === "inner_cone_degrees" ? "outer_cone_degrees" : "inner_cone_degrees";
+        if (inner >= outer) this.fields[other].value = value;
+        this.#change({ [name]: value, ...(inner > outer && { [other]: value }) }, live);
+      },
+    );
   }
 }

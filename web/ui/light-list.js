@@ -3,18 +3,18 @@
 import { CheckField } from "./fields.js";
 import { LightCard } from "./light-card.js";
 import { el } from "./dom.js";
-import { add, scale, tidyAll } from "../math/vector.js";
+import { add, scale, tidy, tidyAll } from "../math/vector.js";
 import { boundingSphere } from "../math/orbit.js";
 
 /** Where a new light stands, seen from the scene's centre: above, to the right, in front. */
 const ABOVE = [0.5, 0.8, 0.6];
 
 export class LightList {
-  /** `onChange(lights, sceneLights, live)`. */
+  /** `onChange(sceneLights, live)`. */
   constructor(element, onChange) {
     this.lights = [];
     this.sceneLights = true;
-    this.tell = (live) => onChange(this.lights, this.sceneLights, live);
+    this.tell = (live) => onChange(this.sceneLights, live);
     this.ofFile = new CheckField("Lights of the file", { value: true }, (value) => {
       this.sceneLights = value;
       this.tell(false);
@@ -37,8 +37,8 @@ export class LightList {
 
   /** About what lights a white surface at the scene's centre fully. */
   #usual(type) {
-    const distance = this.sphere.radius * 2;
-    return { point: Math.PI * distance ** 2, spot: Math.PI * distance ** 2, directional: Math.PI, ambient: 0.5 }[type];
+    const near = tidy(Math.PI * (this.sphere.radius * 2) ** 2, 3);
+    return { point: near, spot: near, directional: 3.14, ambient: 0.5 }[type];
   }
 
   #add() {
@@ -68,12 +68,16 @@ export class LightList {
   }
 
   #draw() {
-    const cards = this.lights.map((light, i) => new LightCard(light, {
-      number: i + 1,
-      usual: (type) => this.#usual(type),
-      onChange: this.tell,
-      onRemove: () => this.#remove(light),
-    }));
+    const cards = this.lights.map(
+      (light, i) =>
+        new LightCard(light, {
+          number: i + 1,
+          usual: (type) => this.#usual(type),
+          center: this.sphere.center,
+          onChange: this.tell,
+          onRemove: () => this.#remove(light),
+        }),
+    );
     this.list.replaceChildren(...cards.map(({ element }) => element));
     this.list.hidden = cards.length === 0;
   }

@@ -23,9 +23,19 @@ export class Notices {
   error(problem) {
     const errors = problem.errors ?? [];
     const title = problem.title ?? "That did not work";
-    const close = el("button", { type: "button", class: "quiet", "aria-label": "Close this message", onclick: () => this.clearError() }, "✕");
+    const close = el(
+      "button",
+      { type: "button", class: "quiet", "aria-label": "Close this message", onclick: () => this.clearError() },
+      "✕",
+    );
     const repeats = errors.length > 0 && problem.message.includes(errors[0].detail);
-    const body = el("div", {}, el("strong", {}, title), repeats ? null : el("p", {}, problem.message), places(errors, problem.message));
+    const body = el(
+      "div",
+      {},
+      el("strong", {}, title),
+      repeats ? null : el("p", {}, problem.message),
+      places(errors, problem.message),
+    );
     this.alert.replaceChildren(body, close);
     this.alert.hidden = false;
   }
@@ -35,15 +45,23 @@ export class Notices {
     this.alert.replaceChildren();
   }
 
-  /** `warnings`: `[{code, pointer, detail}]`; `biases` and `defaults`: sentences. */
+  /** `warnings`: `[{code, pointer, detail}]`; `biases`: sentences; `defaults`: `[{what, value}]`. */
   report({ warnings = [], biases = [], defaults = [] }) {
     const groups = [
       ["Warnings", warnings.map(({ pointer, detail }) => pointed(pointer, detail))],
       ["Biases", biases.map((text) => pointed("", text))],
-      ["Chosen for you", defaults.map((text) => pointed("", text))],
+      [
+        "Chosen for you",
+        defaults.map(({ what, value }) => pointed(what, typeof value === "string" ? value : JSON.stringify(value))),
+      ],
     ].filter(([, items]) => items.length > 0);
     const lists = groups.map(([name, items]) =>
-      el("details", { open: name === "Warnings" }, el("summary", {}, `${name} (${items.length})`), el("ul", {}, ...items)),
+      el(
+        "details",
+        { open: name === "Warnings" },
+        el("summary", {}, `${name} (${items.length})`),
+        el("ul", {}, ...items),
+      ),
     );
     this.notes.replaceChildren(...lists);
     this.notes.hidden = groups.length === 0;

@@ -9,7 +9,10 @@ const CURVES = [
   ["reinhard", "Reinhard"],
   ["linear", "Linear (clipped)"],
 ];
-const MODES = [["path", "Path (all light)"], ["direct", "Direct (hard shadows)"]];
+const MODES = [
+  ["path", "Path (all light)"],
+  ["direct", "Direct (hard shadows)"],
+];
 const WHOLE = { step: 1 };
 
 /** Per panel: setting, field class, label, options. `to` and `from` change units between field and setting. */
@@ -22,8 +25,18 @@ const PANELS = {
     ["mode", SelectField, "Light paths", { options: MODES }],
     ["max_bounces", NumberField, "Bounces", { min: 0, ...WHOLE, placeholder: "unlimited" }],
     ["max_samples", NumberField, "Samples per pixel", { min: 1, ...WHOLE }],
-    ["target_error", NumberField, "Stop at error", { min: 0.01, placeholder: "none", unit: "%", to: (x) => x * 100, from: (x) => x / 100 }],
-    ["deadline_ms", NumberField, "Stop after", { min: 0.001, placeholder: "none", unit: "s", to: (x) => x / 1000, from: (x) => Math.round(x * 1000) }],
+    [
+      "target_error",
+      NumberField,
+      "Stop at error",
+      { min: 0.01, placeholder: "none", unit: "%", to: (x) => x * 100, from: (x) => x / 100 },
+    ],
+    [
+      "deadline_ms",
+      NumberField,
+      "Stop after",
+      { min: 0.001, placeholder: "none", unit: "s", to: (x) => x / 1000, from: (x) => Math.round(x * 1000) },
+    ],
     ["seed", NumberField, "Seed", { min: 0, max: 4294967295, ...WHOLE }],
     ["multiple_scattering", CheckField, "Energy compensation", {}],
   ],
@@ -41,7 +54,9 @@ export class SettingsPanel {
   constructor(element, panel, settings, onChange) {
     for (const [name, Kind, label, { to, from, ...options }] of PANELS[panel]) {
       const value = convert(settings[name], to);
-      const field = new Kind(label, { value, ...options }, (input, live) => onChange({ [name]: convert(input, from) }, live));
+      const field = new Kind(label, { value, ...options }, (input, live) =>
+        onChange({ [name]: convert(input, from) }, live),
+      );
       field.element.dataset.setting = name;
       element.append(field.element);
     }

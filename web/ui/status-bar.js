@@ -33,13 +33,13 @@ export class StatusBar {
 
   /** Words only; `busy`: with a bar that does not know how far it is. */
   say(words, { busy = false } = {}) {
-    this.words.textContent = words;
+    this.#tell(words);
     this.#run(busy, null);
   }
 
   begin() {
     this.#started = performance.now();
-    this.words.textContent = "Rendering";
+    this.#tell("Rendering");
     this.#write({ samples: "–", error: "–", time: duration(0) });
     this.#run(true, null);
     this.#clock = setInterval(() => this.#write({ time: duration((performance.now() - this.#started) / 1000) }), 100);
@@ -61,14 +61,21 @@ export class StatusBar {
     const { seconds } = report;
     const time = Object.values(seconds).reduce((a, b) => a + b, 0);
     this.#run(false, 1);
-    this.words.textContent = `Done: ${STOPS[report.stop_reason] ?? report.stop_reason}`;
+    this.#tell(`Done: ${STOPS[report.stop_reason] ?? report.stop_reason}`);
     this.#write({
       samples: String(report.samples),
       error: errorText(report.error, report.error_bound_95),
       time: duration(time),
       device: report.device.name,
     });
-    this.numbers.time.title = Object.entries(seconds).map(([stage, s]) => `${stage}: ${duration(s)}`).join("\n");
+    this.numbers.time.title = Object.entries(seconds)
+      .map(([stage, s]) => `${stage}: ${duration(s)}`)
+      .join("\n");
+  }
+
+  /** Written only when new, so that screen readers do not hear it again. */
+  #tell(words) {
+    if (this.words.textContent !== words) this.words.textContent = words;
   }
 
   #run(running, fraction) {

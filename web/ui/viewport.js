@@ -36,7 +36,10 @@ export class Viewport {
     const url = URL.createObjectURL(blob);
     const next = new Image();
     next.src = url;
-    const decoded = await next.decode().then(() => true, () => false);
+    const decoded = await next.decode().then(
+      () => true,
+      () => false,
+    );
     if (!decoded || mine !== this.#picture) {
       URL.revokeObjectURL(url);
       return;
