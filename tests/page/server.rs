@@ -3,12 +3,10 @@
 use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use tempfile::TempDir;
 
 /// A running `candela serve`. Ends with its value.
 pub struct Server {
     child: Child,
-    _data: TempDir,
     /// `http://127.0.0.1:port`
     pub origin: String,
 }
@@ -17,14 +15,12 @@ impl Server {
     /// Starts it and waits until it answers.
     pub fn start() -> Self {
         let free = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free port");
-        let data = tempfile::tempdir().expect("a folder for the server");
         let child = Command::new(env!("CARGO_BIN_EXE_candela"))
-            .args(["serve", "--listen", &free.to_string(), "--data"])
-            .arg(data.path())
+            .args(["serve", "--listen", &free.to_string()])
             .stdout(Stdio::null())
             .spawn()
             .expect("the server starts");
-        let mut server = Self { child, _data: data, origin: format!("http://{free}") };
+        let mut server = Self { child, origin: format!("http://{free}") };
         server.wait();
         server
     }
