@@ -72,11 +72,11 @@ const FLAME = [
 ];
 
 const MATERIALS = [
-  { name: "Table", color: [0.16, 0.085, 0.05], roughness: 0.42 },
+  { name: "Table", color: [0.28, 0.16, 0.1], roughness: 0.42 },
   { name: "Brass", color: [0.87, 0.64, 0.3], roughness: 0.2, metallic: 1 },
   { name: "Wax", color: [0.85, 0.79, 0.66], roughness: 0.55 },
   { name: "Wick", color: [0.02, 0.02, 0.02], roughness: 0.9 },
-  { name: "Flame", color: [0, 0, 0], roughness: 1, emissive: [1, 0.56, 0.2], strength: 60 },
+  { name: "Flame", color: [0, 0, 0], roughness: 1, emissive: [1, 0.56, 0.2], strength: 120 },
   { name: "Silver", color: [0.95, 0.94, 0.92], roughness: 0.05, metallic: 1 },
   { name: "Jade", color: [0.06, 0.3, 0.2], roughness: 0.15 },
   { name: "Clay", color: [0.5, 0.16, 0.09], roughness: 0.9 },

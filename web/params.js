@@ -17,7 +17,7 @@ export const DEFAULTS = {
 };
 
 /** What the page starts with. */
-export const START = { ...DEFAULTS, width: 960, height: 600, max_samples: 64, transparent: false };
+export const START = { ...DEFAULTS, width: 960, height: 600, max_samples: 32, transparent: false };
 
 /** Fields that each kind of light has, with the API's defaults (`undefined`: always sent). */
 const LIGHT_FIELDS = {
