@@ -156,7 +156,11 @@ impl Browser {
     /// Presses fingers down, moves them and lifts them; each finger is a path of two points.
     pub fn touch(&mut self, fingers: &[[(f64, f64); 2]]) {
         let points = |end: usize| -> Vec<Value> {
-            fingers.iter().enumerate().map(|(id, path)| json!({ "x": path[end].0, "y": path[end].1, "id": id })).collect()
+            fingers
+                .iter()
+                .enumerate()
+                .map(|(id, path)| json!({ "x": path[end].0, "y": path[end].1, "id": id }))
+                .collect()
         };
         for (kind, touch_points) in [("touchStart", points(0)), ("touchMove", points(1)), ("touchEnd", Vec::new())] {
             self.call("Input.dispatchTouchEvent", json!({ "type": kind, "touchPoints": touch_points }));
@@ -185,7 +189,8 @@ impl Browser {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().expect("target has a place").join("page-test");
         std::fs::create_dir_all(&folder).expect("a folder for pictures");
         let reply = self.call("Page.captureScreenshot", json!({ "format": "png" }));
-        let bytes = base64::Engine::decode(&base64::prelude::BASE64_STANDARD, reply["data"].as_str().expect("a picture"));
+        let bytes =
+            base64::Engine::decode(&base64::prelude::BASE64_STANDARD, reply["data"].as_str().expect("a picture"));
         std::fs::write(folder.join(format!("{name}.png")), bytes.expect("base64")).expect("a picture is written");
     }
 
