@@ -4,6 +4,18 @@
 //! node of some scene shows them and only the attributes that their material reads; images stay encoded.
 //! Frame: glTF's, right-handed, +Y up, metres, colours linear Rec. 709.
 
+mod describe;
+mod error;
+mod import;
+mod limits;
+mod package;
+
+pub use describe::{Description, describe};
+pub use error::{SceneError, SceneErrorKind, Warning};
+pub use import::import;
+pub use limits::Limits;
+pub use package::Package;
+
 use glam::{DAffine3, Mat3, Vec2, Vec3, Vec4};
 use std::sync::Arc;
 
@@ -12,7 +24,7 @@ use std::sync::Arc;
 pub struct Scene {
     /// All nodes of the file, in its order.
     pub nodes: Vec<Node>,
-    /// The file's scenes.
+    /// The file's scenes; if it has none, one of all root nodes.
     pub scenes: Vec<SceneRoot>,
     /// The file's `scene` property.
     pub default_scene: Option<usize>,
@@ -20,9 +32,9 @@ pub struct Scene {
     pub meshes: Vec<Mesh>,
     /// Materials of the file, in its order.
     pub materials: Vec<Material>,
-    /// Textures of the file, in its order.
+    /// Textures of the file that have an image, in its order.
     pub textures: Vec<Texture>,
-    /// Images of the file, encoded.
+    /// Images of the file, encoded, in its order.
     pub images: Vec<Image>,
     /// Cameras of the file, in its order.
     pub cameras: Vec<Camera>,
@@ -32,8 +44,29 @@ pub struct Scene {
     pub extensions: Vec<ExtensionUse>,
     /// What the picture will lack or had to guess, for the reply.
     pub warnings: Vec<Warning>,
-    /// Number of animations, skins and morph targets in the file, for the description.
+    /// Names of KHR_materials_variants.
+    pub variants: Vec<String>,
+    /// Number of animations in the file.
     pub animation_count: usize,
+    /// Number of skins in the file.
+    pub skin_count: usize,
+}
+
+impl Scene {
+    /// Nodes of scene `index` with their transform to world space, parents first; empty if there is no such scene.
+    pub fn world_transforms(&self, index: usize) -> Vec<(usize, DAffine3)> {
+        let roots = self.scenes.get(index).map_or(&[][..], |scene| &scene.nodes);
+        let mut stack: Vec<(usize, DAffine3)> = roots.iter().rev().map(|root| (*root, DAffine3::IDENTITY)).collect();
+        let mut placed = Vec::new();
+        while let Some((index, parent)) = stack.pop() {
+            if let Some(node) = self.nodes.get(index) {
+                let world = parent * node.local;
+                placed.push((index, world));
+                stack.extend(node.children.iter().rev().map(|child| (*child, world)));
+            }
+        }
+        placed
+    }
 }
 
 /// One entry of the file's `scenes`.
@@ -76,13 +109,14 @@ pub struct Mesh {
 pub struct Primitive {
     /// Object space, finite.
     pub positions: Vec<Vec3>,
-    /// Unit length; none: flat shading (glTF 2.0, 3.7.2.1).
+    /// Unit length, or zero where the geometric normal stands in; none: flat shading (glTF 2.0, 3.7.2.1).
     pub normals: Option<Vec<Vec3>>,
-    /// xyz of unit length, w the sign of the bitangent. Present only if the material has a normal map.
+    /// xyz of unit length (or zero: none could be made), w the sign of the bitangent. Present only if the material has a
+    /// normal map and the primitive its texture coordinates.
     pub tangents: Option<Vec<Vec4>>,
     /// Texture coordinates that the material reads, by `TextureRef::uv_set`.
     pub uvs: Vec<Vec<Vec2>>,
-    /// Linear RGBA (COLOR_0).
+    /// Linear RGBA (COLOR_0), each 0 to 1; none: white.
     pub colors: Option<Vec<Vec4>>,
     /// Counter-clockwise seen from the front.
     pub triangles: Vec<[u32; 3]>,
@@ -157,6 +191,14 @@ impl Default for Material {
     }
 }
 
+impl Material {
+    /// The textures that it reads.
+    pub fn textures(&self) -> impl Iterator<Item = &TextureRef> {
+        let color = self.base_color_texture.iter().chain(&self.emissive_texture);
+        color.chain(&self.metallic_roughness_texture).chain(&self.normal_texture)
+    }
+}
+
 /// A use of a texture by a material.
 #[derive(Debug, Clone, Copy)]
 pub struct TextureRef {
@@ -169,7 +211,7 @@ pub struct TextureRef {
 }
 
 /// An image with the way it is sampled.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Texture {
     /// Index into [`Scene::images`].
     pub image: usize,
@@ -196,7 +238,7 @@ pub enum Wrap {
 /// An encoded image. Size and format have been read from its header; pixels are decoded when a picture needs them.
 #[derive(Debug, Clone)]
 pub struct Image {
-    /// Encoded bytes.
+    /// Encoded bytes; empty if nothing that is drawn reads the image.
     pub bytes: Arc<[u8]>,
     /// Place in the file, for errors: `/images/3`.
     pub pointer: String,
@@ -256,7 +298,7 @@ pub enum LightKind {
 }
 
 /// An extension that the file uses.
-#[derive(Debug, Clone, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct ExtensionUse {
     /// `KHR_...`
     pub name: String,
@@ -264,40 +306,4 @@ pub struct ExtensionUse {
     pub honoured: bool,
     /// What is lost if not.
     pub note: Option<String>,
-}
-
-/// Something the user should know; never silent.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Warning {
-    /// Stable identifier, like `extension_ignored`.
-    pub code: &'static str,
-    /// JSON pointer into the glTF.
-    pub pointer: String,
-    /// What is lost and why.
-    pub detail: String,
-}
-
-/// Why a scene cannot be read.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{pointer}: {detail}")]
-pub struct SceneError {
-    /// Which status the fault deserves.
-    pub kind: SceneErrorKind,
-    /// Stable identifier, like `accessor_out_of_bounds`.
-    pub code: &'static str,
-    /// JSON pointer into the glTF (or empty: the file as a whole).
-    pub pointer: String,
-    /// What, why, how to fix.
-    pub detail: String,
-}
-
-/// Class of a [`SceneError`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum SceneErrorKind {
-    /// Not a glTF at all, or cut off (400).
-    Malformed,
-    /// Well-formed, but invalid or needing what is not supported (422).
-    Invalid,
-    /// Beyond a limit (413).
-    TooLarge,
 }

@@ -1,0 +1,140 @@
+//! Small glTFs built in tests.
+
+use super::data::Data;
+use super::{document, import};
+use crate::scene::{Limits, Package, Scene, SceneError};
+use serde_json::{Value, json};
+
+/// A PNG of 2 x 1 pixels.
+pub(in crate::scene) const PNG: &[u8] = &[
+    0x89, b'P', b'N', b'G', 13, 10, 26, 10, 0, 0, 0, 13, b'I', b'H', b'D', b'R', 0, 0, 0, 2, 0, 0, 0, 1, 8, 0, 0, 0, 0,
+    0xd1, 0x49, 0x96, 0x8b, 0, 0, 0, 11, b'I', b'D', b'A', b'T', 0x78, 0x9c, 0x63, 0x60, 0xf8, 0x0f, 0, 0x01, 0x02,
+    0x01, 0, 0x05, 0x8c, 0x6a, 0x1e, 0, 0, 0, 0, b'I', b'E', b'N', b'D', 0xae, 0x42, 0x60, 0x82,
+];
+
+/// A GLB of any chunks, with a correct header.
+pub(in crate::scene) fn glb(chunks: &[(u32, &[u8])]) -> Vec<u8> {
+    let mut bytes = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
+    for (kind, content) in chunks {
+        bytes.extend((content.len() as u32).to_le_bytes());
+        bytes.extend(kind.to_le_bytes());
+        bytes.extend(*content);
+    }
+    let length = bytes.len() as u32;
+    bytes[8..12].copy_from_slice(&length.to_le_bytes());
+    bytes
+}
+
+/// A package of JSON text, `asset` being added.
+pub(in crate::scene) fn gltf(mut json: Value) -> Package {
+    json["asset"] = json!({"version": "2.0"});
+    Package::from_bytes(json.to_string().into_bytes(), &Limits::default()).unwrap()
+}
+
+pub(in crate::scene) fn scene(package: &Package) -> Scene {
+    import(package, &Limits::default()).unwrap()
+}
+
+pub(in crate::scene) fn error(package: &Package) -> SceneError {
+    import(package, &Limits::default()).expect_err("the file should be refused")
+}
+
+pub(in crate::scene) fn scene_of(builder: &Builder) -> Scene {
+    scene(&builder.package())
+}
+
+pub(in crate::scene) fn error_of(builder: &Builder) -> SceneError {
+    error(&builder.package())
+}
+
+/// A glTF with one buffer, which becomes the BIN chunk of a GLB.
+#[derive(Clone)]
+pub(in crate::scene) struct Builder {
+    pub json: Value,
+    bin: Vec<u8>,
+}
+
+impl Default for Builder {
+    fn default() -> Self {
+        Self { json: json!({"asset": {"version": "2.0"}, "bufferViews": [], "accessors": []}), bin: Vec::new() }
+    }
+}
+
+impl Builder {
+    /// One mesh of the triangle (0, 0, 0), (1, 0, 0), (0, 1, 0), shown by node 0.
+    pub(in crate::scene) fn triangle() -> Self {
+        let mut builder = Self::default();
+        builder.accessor(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0], "VEC3");
+        builder.show(json!([{"attributes": {"POSITION": 0}}]));
+        builder
+    }
+
+    /// A mesh of these primitives, a node and a scene for it.
+    pub(in crate::scene) fn show(&mut self, primitives: Value) {
+        self.json["meshes"] = json!([{ "primitives": primitives }]);
+        self.json["nodes"] = json!([{"mesh": 0}]);
+        self.json["scenes"] = json!([{"nodes": [0]}]);
+    }
+
+    /// Appends a buffer view; its index.
+    pub(in crate::scene) fn view(&mut self, bytes: &[u8]) -> usize {
+        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
+        let view = json!({"buffer": 0, "byteOffset": self.bin.len(), "byteLength": bytes.len()});
+        self.bin.extend(bytes);
+        push(&mut self.json["bufferViews"], view)
+    }
+
+    /// Appends an accessor of floats; its index.
+    pub(in crate::scene) fn accessor(&mut self, values: &[f32], kind: &str) -> usize {
+        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        let view = self.view(&bytes);
+        let rows = match kind {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            _ => 4,
+        };
+        let accessor = json!({"bufferView": view, "componentType": 5126, "count": values.len() / rows, "type": kind});
+        push(&mut self.json["accessors"], accessor)
+    }
+
+    /// Appends an accessor of byte-sized indices; its index.
+    pub(in crate::scene) fn indices(&mut self, indices: &[u8]) -> usize {
+        let view = self.view(indices);
+        let accessor = json!({"bufferView": view, "componentType": 5121, "count": indices.len(), "type": "SCALAR"});
+        push(&mut self.json["accessors"], accessor)
+    }
+
+    /// Adds an attribute to the first primitive.
+    pub(in crate::scene) fn attribute(&mut self, name: &str, values: &[f32], kind: &str) {
+        let accessor = self.accessor(values, kind);
+        self.json["meshes"][0]["primitives"][0]["attributes"][name] = json!(accessor);
+    }
+
+    /// As a GLB.
+    pub(in crate::scene) fn package(&self) -> Package {
+        let mut json = self.json.clone();
+        json["buffers"] = json!([{"byteLength": self.bin.len()}]);
+        let bytes = glb(&[(0x4E4F_534A, json.to_string().as_bytes()), (0x004E_4942, &self.bin)]);
+        Package::from_bytes(bytes, &Limits::default()).unwrap()
+    }
+
+    /// Calls `read` with the data of the file.
+    pub(in crate::scene) fn with_data<T>(
+        &self,
+        read: impl FnOnce(&Data<'_>) -> Result<T, SceneError>,
+    ) -> Result<T, SceneError> {
+        let mut json = self.json.clone();
+        json["buffers"] = json!([{"byteLength": self.bin.len()}]);
+        let root = document::parse(json.to_string().as_bytes(), &Limits::default())?;
+        let package = self.package();
+        let data = Data::new(&root, &package, Some(&self.bin), &Limits::default())?;
+        read(&data)
+    }
+}
+
+fn push(array: &mut Value, item: Value) -> usize {
+    let array = array.as_array_mut().unwrap();
+    array.push(item);
+    array.len() - 1
+}

@@ -1,0 +1,105 @@
+//! Zip archives, inflated under limits that are enforced on the bytes that come out, not on what headers claim.
+
+use crate::scene::{Limits, SceneError};
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read};
+use std::sync::Arc;
+use zip::ZipArchive;
+
+/// Whether the bytes begin as a zip does.
+pub(super) fn is_zip(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"PK\x03\x04") || bytes.starts_with(b"PK\x05\x06")
+}
+
+/// Inflated bytes that are free of the ratio's limit, so that a small and repetitive file passes.
+const RATIO_FREE: u64 = 1 << 20;
+
+/// All files of the archive by their path.
+pub(super) fn inflate(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<String, Arc<[u8]>>, SceneError> {
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| broken("archive", &error))?;
+    if archive.len() > limits.zip_entries {
+        let detail = format!("the zip has {} entries, more than the limit of {}", archive.len(), limits.zip_entries);
+        return Err(SceneError::too_large("zip_entries", "", detail));
+    }
+    let mut files = BTreeMap::new();
+    let mut left = limits.bytes;
+    for index in 0..archive.len() {
+        let mut entry = archive.by_index(index).map_err(|error| broken(&format!("entry {index}"), &error))?;
+        let name = entry.name().map_err(|error| broken(&format!("entry {index}"), &error))?.replace('\\', "/");
+        // Resource forks of one well-known system repeat every name, with `.gltf` at its end.
+        if !entry.is_file() || name.starts_with("__MACOSX/") {
+            continue;
+        }
+        let allowed = left.min(entry.compressed_size().saturating_mul(limits.zip_ratio).saturating_add(RATIO_FREE));
+        let mut content = Vec::new();
+        // One byte more than allowed tells "full" from "too much".
+        let read = entry.by_ref().take(allowed.saturating_add(1)).read_to_end(&mut content);
+        if content.len() as u64 > allowed {
+            return Err(too_much(&name, left, limits));
+        }
+        read.map_err(|error| broken(&format!("entry `{name}`"), &error))?;
+        left -= content.len() as u64;
+        files.insert(name, content.into());
+    }
+    Ok(files)
+}
+
+fn broken(what: &str, error: &dyn std::fmt::Display) -> SceneError {
+    SceneError::malformed("zip_broken", format!("the zip cannot be read ({what}): {error}"))
+}
+
+fn too_much(name: &str, left: u64, limits: &Limits) -> SceneError {
+    let detail = format!(
+        "entry `{name}` of the zip inflates to more than is left of the {} bytes allowed ({left}) or to more than {} times \
+         its compressed size; send the files as parts of a form, or fewer of them",
+        limits.bytes, limits.zip_ratio
+    );
+    SceneError::too_large("zip_inflated", "", detail)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Package, SceneErrorKind};
+    use std::io::Write;
+    use zip::write::{SimpleFileOptions, ZipWriter};
+
+    fn zip(files: &[(&str, &[u8])]) -> Vec<u8> {
+        let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
+        for (name, bytes) in files {
+            writer.start_file(*name, SimpleFileOptions::default()).unwrap();
+            writer.write_all(bytes).unwrap();
+        }
+        writer.finish().unwrap().into_inner()
+    }
+
+    #[test]
+    fn a_zip_with_a_folder_resolves_relative_to_its_gltf() {
+        let bytes = zip(&[("m/a.gltf", b"{}"), ("m/t/x.bin", b"1"), ("x.bin", b"2"), ("__MACOSX/m/._a.gltf", b"")]);
+        let package = Package::from_bytes(bytes, &Limits::default()).unwrap();
+        assert_eq!(package.root(), b"{}");
+        assert_eq!(package.find("t/x.bin").unwrap().as_ref(), b"1");
+        assert_eq!(package.find("../x.bin").unwrap().as_ref(), b"2");
+    }
+
+    #[test]
+    fn bombs_are_refused() {
+        let limits = Limits { bytes: 64 << 20, ..Limits::default() };
+        let zeros = vec![0; 32 << 20];
+        let error = Package::from_bytes(zip(&[("a.gltf", &zeros)]), &limits).unwrap_err();
+        assert_eq!((error.kind, error.code), (SceneErrorKind::TooLarge, "zip_inflated"), "by ratio");
+        let limits = Limits { bytes: 1000, ..Limits::default() };
+        let two = zip(&[("a.gltf", &[1; 600]), ("b.bin", &[1; 600])]);
+        assert_eq!(Package::from_bytes(two, &limits).unwrap_err().code, "zip_inflated", "by total");
+        let limits = Limits { zip_entries: 1, ..Limits::default() };
+        let two = zip(&[("a.gltf", b""), ("b.bin", b"")]);
+        assert_eq!(Package::from_bytes(two, &limits).unwrap_err().code, "zip_entries");
+    }
+
+    #[test]
+    fn a_cut_zip_is_malformed() {
+        let mut bytes = zip(&[("a.gltf", b"{}")]);
+        bytes.truncate(bytes.len() - 10);
+        assert_eq!(Package::from_bytes(bytes, &Limits::default()).unwrap_err().code, "zip_broken");
+    }
+}
