@@ -3,13 +3,17 @@
 use super::accessor::{Accessor, Component, Format, open};
 use super::data::Data;
 use super::document::escape;
-use super::extensions;
 use super::schema::Primitive;
 use crate::scene::SceneError;
 
 /// Checks types and counts of all attributes of a primitive at `place`; the number of its vertices, if it has positions.
-pub(super) fn check(data: &Data<'_>, primitive: &Primitive, place: &str) -> Result<Option<usize>, SceneError> {
-    let quantized = extensions::declared(data.root, "KHR_mesh_quantization");
+/// `quantized`: the file declares KHR_mesh_quantization.
+pub(super) fn check(
+    data: &Data<'_>,
+    primitive: &Primitive,
+    quantized: bool,
+    place: &str,
+) -> Result<Option<usize>, SceneError> {
     let positions = primitive.attributes.get("POSITION").map(|index| open(data, *index)).transpose()?;
     let count = positions.map(|positions| positions.count);
     for (name, index) in &primitive.attributes {

@@ -4,7 +4,7 @@ use crate::scene::SceneError;
 
 /// The two halves of a glTF file.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Container<'a> {
+pub(in crate::scene) struct Container<'a> {
     /// JSON text.
     pub json: &'a [u8],
     /// Content of the BIN chunk.
@@ -15,7 +15,7 @@ const JSON: u32 = 0x4E4F_534A;
 const BIN: u32 = 0x004E_4942;
 
 /// Splits a `.glb`; any other bytes are taken for JSON text.
-pub(super) fn split(bytes: &[u8]) -> Result<Container<'_>, SceneError> {
+pub(in crate::scene) fn split(bytes: &[u8]) -> Result<Container<'_>, SceneError> {
     if !bytes.starts_with(b"glTF") {
         return Ok(Container { json: bytes, bin: None });
     }

@@ -26,8 +26,7 @@ pub(super) fn parse(json: &[u8], limits: &Limits) -> Result<Root, SceneError> {
 /// Reads the contents of an extension that is honoured.
 pub(super) fn extension<T: DeserializeOwned>(content: &Map<String, Value>, place: &str) -> Result<T, SceneError> {
     serde_path_to_error::deserialize(content).map_err(|error| {
-        let detail = error.inner().to_string();
-        SceneError::invalid("json_type", format!("{place}{}", pointer(error.path())), detail)
+        SceneError::invalid("json_type", format!("{place}{}", pointer(error.path())), in_json_words(error.inner()))
     })
 }
 
@@ -53,12 +52,34 @@ fn check_text(json: &[u8], limits: &Limits) -> Result<(), SceneError> {
 /// A fault of syntax is malformed; one of types is invalid, at its pointer.
 fn json_error(pointer: &str, error: &serde_json::Error) -> SceneError {
     match error.classify() {
-        serde_json::error::Category::Data => SceneError::invalid("json_type", pointer, error.to_string()),
+        serde_json::error::Category::Data => SceneError::invalid("json_type", pointer, in_json_words(error)),
         _ => SceneError {
             pointer: pointer.to_owned(),
             ..SceneError::malformed("json_syntax", format!("not valid JSON: {error}"))
         },
     }
+}
+
+/// The message of a type error, without the names of Rust's types.
+fn in_json_words(error: &serde_json::Error) -> String {
+    let message = error.to_string();
+    let (found, rest) = message.split_once("expected ").unwrap_or((&message, ""));
+    let (expected, place) = rest
+        .split_once(" at line")
+        .map_or((rest, String::new()), |(expected, place)| (expected, format!(" at line{place}")));
+    let expected = match expected {
+        "" => return message,
+        "usize" | "u64" | "u32" => "a non-negative integer",
+        "f64" => "a number",
+        "a map" => "an object",
+        "a sequence" => "an array",
+        other if other.starts_with("struct ") => "an object",
+        other => other,
+    };
+    format!(
+        "{}expected {expected}{place}",
+        found.replace("type: map", "type: object").replace("type: sequence", "type: array")
+    )
 }
 
 fn pointer(path: &serde_path_to_error::Path) -> String {
@@ -114,7 +135,10 @@ mod tests {
     fn faults_name_their_place() {
         let fault = error("{\"asset\": {\"version\": \"2.0\"},\n \"nodes\": [{}, {\"children\": [1, -2]}]}");
         assert_eq!((fault.code, fault.pointer.as_str()), ("json_type", "/nodes/1/children/1"));
-        assert!(fault.detail.contains("line 2"), "{}", fault.detail);
+        assert_eq!(fault.detail, "invalid value: integer `-2`, expected a non-negative integer at line 2 column 33");
+        assert!(error(r#"{"asset":{}}"#).detail.contains("missing field `version`"));
+        assert!(error(r#"{"nodes":{}}"#).detail.contains("type: object, expected an array"));
+        assert!(error(r#"{"nodes":["x"]}"#).detail.contains("expected an object"));
         let fault = error("{\n\"asset\" \"2.0\"}");
         assert_eq!(fault.code, "json_syntax");
         assert!(fault.detail.contains("line 2 column 9"), "{}", fault.detail);

@@ -68,8 +68,8 @@ pub(super) fn check(root: &Root, warnings: &mut Warnings) -> Result<Vec<Extensio
     for (index, name) in root.extensions_required.iter().enumerate() {
         if let Lost(note) = support(name) {
             let detail = format!(
-                "the file requires {name}, which is not supported (without it: {note}); \
-                 export without it, or with it listed in `extensionsUsed` only and a fallback in the file"
+                "the file requires {name}, which is not supported; export it without that extension \
+                 (or with a fallback and {name} in `extensionsUsed` only; then: {note})"
             );
             return Err(SceneError::invalid("extension_required", format!("/extensionsRequired/{index}"), detail));
         }

@@ -3,6 +3,7 @@
 use super::accessor::{Component, open};
 use super::attributes;
 use super::data::Data;
+use super::extensions;
 use super::materials::ReadMaterial;
 use super::number::not_finite;
 use super::schema;
@@ -15,11 +16,12 @@ use std::collections::HashMap;
 
 /// Checks every primitive of the file, indices included.
 pub(super) fn check(data: &Data<'_>) -> Result<(), SceneError> {
+    let quantized = extensions::declared(data.root, "KHR_mesh_quantization");
     let mut highest = HashMap::new();
     for (i, mesh) in data.root.meshes.iter().enumerate() {
         for (j, primitive) in mesh.primitives.iter().enumerate() {
             let place = format!("/meshes/{i}/primitives/{j}");
-            let count = attributes::check(data, primitive, &place)?;
+            let count = attributes::check(data, primitive, quantized, &place)?;
             if primitive.mode > 6 {
                 let detail = format!("{} is not a mode; it is 0 to 6", primitive.mode);
                 return Err(SceneError::invalid("primitive_mode", format!("{place}/mode"), detail));

@@ -3,7 +3,7 @@
 mod accessor;
 mod attributes;
 mod cameras;
-mod container;
+pub(super) mod container;
 mod data;
 mod document;
 mod extensions;

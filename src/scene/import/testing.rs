@@ -6,11 +6,10 @@ use crate::scene::{Limits, Package, Scene, SceneError};
 use serde_json::{Value, json};
 
 /// A PNG of 2 x 1 pixels.
-pub(in crate::scene) const PNG: &[u8] = &[
-    0x89, b'P', b'N', b'G', 13, 10, 26, 10, 0, 0, 0, 13, b'I', b'H', b'D', b'R', 0, 0, 0, 2, 0, 0, 0, 1, 8, 0, 0, 0, 0,
-    0xd1, 0x49, 0x96, 0x8b, 0, 0, 0, 11, b'I', b'D', b'A', b'T', 0x78, 0x9c, 0x63, 0x60, 0xf8, 0x0f, 0, 0x01, 0x02,
-    0x01, 0, 0x05, 0x8c, 0x6a, 0x1e, 0, 0, 0, 0, b'I', b'E', b'N', b'D', 0xae, 0x42, 0x60, 0x82,
-];
+pub(in crate::scene) const PNG: &[u8] =
+    b"\x89\x50\x4e\x47\x0d\x0a\x1a\x0a\x00\x00\x00\x0d\x49\x48\x44\x52\x00\x00\x00\x02\x00\x00\x00\x01\x08\x00\x00\x00\
+    \x00\xd1\x49\x20\x56\x00\x00\x00\x0b\x49\x44\x41\x54\x78\x9c\x63\x60\xf8\x0f\x00\x01\x02\x01\x00\x42\xbe\xbc\x68\
+    \x00\x00\x00\x00\x49\x45\x4e\x44\xae\x42\x60\x82";
 
 /// A GLB of any chunks, with a correct header.
 pub(in crate::scene) fn glb(chunks: &[(u32, &[u8])]) -> Vec<u8> {
@@ -120,10 +119,7 @@ impl Builder {
     }
 
     /// Calls `read` with the data of the file.
-    pub(in crate::scene) fn with_data<T>(
-        &self,
-        read: impl FnOnce(&Data<'_>) -> Result<T, SceneError>,
-    ) -> Result<T, SceneError> {
+    pub(super) fn with_data<T>(&self, read: impl FnOnce(&Data<'_>) -> Result<T, SceneError>) -> Result<T, SceneError> {
         let mut json = self.json.clone();
         json["buffers"] = json!([{"byteLength": self.bin.len()}]);
         let root = document::parse(json.to_string().as_bytes(), &Limits::default())?;

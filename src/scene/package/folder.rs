@@ -1,6 +1,7 @@
 //! The command line's way in: a glTF on disk with the siblings that it names.
 
 use super::{Package, uri};
+use crate::scene::import::container::split;
 use crate::scene::{Limits, SceneError};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -24,9 +25,8 @@ impl Package {
     /// is absolute or names a missing file is left out here and refused by the import, with its place.
     pub fn from_path(path: &Path, limits: &Limits) -> Result<Self, SceneError> {
         let bytes = read(path)?;
-        let is_text = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gltf"));
         let folder = path.parent().unwrap_or(Path::new(""));
-        let mut parts = siblings(if is_text { &bytes } else { &[] }, folder)?;
+        let mut parts = siblings(&bytes, folder)?;
         let name = path.file_name().map_or_else(|| "scene.gltf".into(), |name| name.to_string_lossy().into_owned());
         parts.retain(|(part, _)| *part != name);
         parts.push((name, bytes));
@@ -34,8 +34,9 @@ impl Package {
     }
 }
 
-fn siblings(json: &[u8], folder: &Path) -> Result<Vec<(String, Vec<u8>)>, SceneError> {
-    // What is wrong with the JSON is for the import to say.
+fn siblings(bytes: &[u8], folder: &Path) -> Result<Vec<(String, Vec<u8>)>, SceneError> {
+    // What is wrong with the file is for the import to say.
+    let json = split(bytes).map_or(&[][..], |container| container.json);
     let uris: Uris = serde_json::from_slice(json).unwrap_or_default();
     let mut names = BTreeSet::new();
     for text in uris.buffers.iter().chain(&uris.images).filter_map(|named| named.uri.as_deref()) {
