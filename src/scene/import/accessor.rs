@@ -138,14 +138,14 @@ impl<'a> Accessor<'a> {
         let element = self.format.size();
         let unit = if self.format.columns > 1 { 4 } else { self.format.component.size() };
         let stride = source.and_then(|source| source.byte_stride).unwrap_or(element);
-        if stride < element || stride % self.format.component.size() != 0 || stride > 255 {
+        if stride < element || !stride.is_multiple_of(self.format.component.size()) || stride > 255 {
             let detail = format!(
                 "byteStride {stride} does not suit elements of {element} bytes ({}) of {}",
                 self.format, self.pointer
             );
             return Err(SceneError::invalid("buffer_view_stride", format!("/bufferViews/{view}/byteStride"), detail));
         }
-        if offset % unit != 0 || view_offset.wrapping_add(offset) % unit != 0 {
+        if !offset.is_multiple_of(unit) || !view_offset.wrapping_add(offset).is_multiple_of(unit) {
             let detail =
                 format!("byte {offset} of a view at byte {view_offset} is not a multiple of {unit} ({})", self.format);
             return Err(SceneError::invalid("accessor_alignment", format!("{}/byteOffset", self.pointer), detail));
@@ -179,7 +179,7 @@ impl<'a> Accessor<'a> {
         }
         let part = |name: &str, view: usize, offset: u64, unit: u64, size: u64| {
             let place = format!("{pointer}/{name}");
-            if offset % unit != 0 {
+            if !offset.is_multiple_of(unit) {
                 let detail = format!("byte {offset} is not a multiple of {unit}");
                 return Err(SceneError::invalid("accessor_alignment", format!("{place}/byteOffset"), detail));
             }
@@ -335,7 +335,7 @@ mod tests {
 
     fn numbers<const N: usize>(
         bytes: &[u8],
-        accessor: Value,
+        accessor: &Value,
         stride: Option<u64>,
     ) -> Result<Vec<[f32; N]>, SceneError> {
         let mut builder = Builder::default();
@@ -350,24 +350,24 @@ mod tests {
     #[test]
     fn integers_are_normalised_as_the_specification_says() {
         let of = |code: u32, normalized| json!({"bufferView": 0, "componentType": code, "normalized": normalized, "count": 2, "type": "SCALAR"});
-        assert_eq!(numbers(&[0x80, 127], of(5120, true), None).unwrap(), [[-1.0], [1.0]]);
-        assert_eq!(numbers(&[0x80, 127], of(5120, false), None).unwrap(), [[-128.0], [127.0]]);
-        assert_eq!(numbers(&[51, 255], of(5121, true), None).unwrap(), [[0.2], [1.0]]);
-        assert_eq!(numbers(&[0, 0x80, 0xff, 0x7f], of(5122, true), None).unwrap(), [[-1.0], [1.0]]);
-        assert_eq!(numbers(&[0x33, 0x33, 0xff, 0xff], of(5123, true), None).unwrap(), [[0.2], [1.0]]);
-        assert_eq!(numbers(&[1, 0, 0, 1], of(5123, false), None).unwrap(), [[1.0], [256.0]]);
+        assert_eq!(numbers(&[0x80, 127], &of(5120, true), None).unwrap(), [[-1.0], [1.0]]);
+        assert_eq!(numbers(&[0x80, 127], &of(5120, false), None).unwrap(), [[-128.0], [127.0]]);
+        assert_eq!(numbers(&[51, 255], &of(5121, true), None).unwrap(), [[0.2], [1.0]]);
+        assert_eq!(numbers(&[0, 0x80, 0xff, 0x7f], &of(5122, true), None).unwrap(), [[-1.0], [1.0]]);
+        assert_eq!(numbers(&[0x33, 0x33, 0xff, 0xff], &of(5123, true), None).unwrap(), [[0.2], [1.0]]);
+        assert_eq!(numbers(&[1, 0, 0, 1], &of(5123, false), None).unwrap(), [[1.0], [256.0]]);
     }
 
     #[test]
     fn strides_skip_what_lies_between() {
         let accessor = json!({"bufferView": 0, "byteOffset": 1, "componentType": 5121, "count": 2, "type": "VEC2"});
-        assert_eq!(numbers(&[9, 1, 2, 9, 9, 3, 4], accessor, Some(4)).unwrap(), [[1.0, 2.0], [3.0, 4.0]]);
+        assert_eq!(numbers(&[9, 1, 2, 9, 9, 3, 4], &accessor, Some(4)).unwrap(), [[1.0, 2.0], [3.0, 4.0]]);
     }
 
     #[test]
     fn accessors_must_fit() {
         let code = |accessor, stride| {
-            let fault = numbers::<1>(&[0; 8], accessor, stride).unwrap_err();
+            let fault = numbers::<1>(&[0; 8], &accessor, stride).unwrap_err();
             (fault.code, fault.pointer)
         };
         let of = |code: u32, offset: u64, count: u64, kind: &str| json!({"bufferView": 0, "byteOffset": offset, "componentType": code, "count": count, "type": kind});

@@ -88,7 +88,7 @@ mod tests {
         builder.json["bufferViews"][view]["byteStride"] = json!(8);
         builder.json["accessors"] =
             json!([{"bufferView": 0, "componentType": 5122, "normalized": true, "count": 3, "type": "VEC3"}]);
-        builder.show(json!([{"attributes": {"POSITION": 0}}]));
+        builder.show(&json!([{"attributes": {"POSITION": 0}}]));
         let fault = error_of(&builder);
         assert_eq!(
             (fault.code, fault.pointer.as_str()),

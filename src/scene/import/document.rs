@@ -135,7 +135,7 @@ mod tests {
     fn faults_name_their_place() {
         let fault = error("{\"asset\": {\"version\": \"2.0\"},\n \"nodes\": [{}, {\"children\": [1, -2]}]}");
         assert_eq!((fault.code, fault.pointer.as_str()), ("json_type", "/nodes/1/children/1"));
-        assert_eq!(fault.detail, "invalid value: integer `-2`, expected a non-negative integer at line 2 column 33");
+        assert!(fault.detail.contains("integer `-2`, expected a non-negative integer at line 2"), "{}", fault.detail);
         assert!(error(r#"{"asset":{}}"#).detail.contains("missing field `version`"));
         assert!(error(r#"{"nodes":{}}"#).detail.contains("type: object, expected an array"));
         assert!(error(r#"{"nodes":["x"]}"#).detail.contains("expected an object"));

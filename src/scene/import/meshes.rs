@@ -66,7 +66,11 @@ pub(super) struct Decoder<'a> {
     warnings: &'a mut Warnings,
     triangles: usize,
     vertices: usize,
+    tangent_pairs: u64,
 }
+
+/// Triangles, and the vertices that they refer to if not all.
+type Faces = (Vec<[u32; 3]>, Option<Vec<u32>>);
 
 impl<'a> Decoder<'a> {
     pub(super) fn new(
@@ -75,7 +79,7 @@ impl<'a> Decoder<'a> {
         limits: &'a Limits,
         warnings: &'a mut Warnings,
     ) -> Self {
-        Self { data, materials, limits, warnings, triangles: 0, vertices: 0 }
+        Self { data, materials, limits, warnings, triangles: 0, vertices: 0, tangent_pairs: 0 }
     }
 
     /// All meshes; the primitives of those that are `shown`.
@@ -132,14 +136,13 @@ impl<'a> Decoder<'a> {
         Ok(Some(primitive))
     }
 
-    /// Triangles, and the vertices that they refer to if not all.
     fn triangles(
         &mut self,
         source: &schema::Primitive,
         mode: Mode,
         vertices: usize,
         place: &str,
-    ) -> Result<(Vec<[u32; 3]>, Option<Vec<u32>>), SceneError> {
+    ) -> Result<Faces, SceneError> {
         let indices = source.indices.map(|index| open(self.data, index)).transpose()?;
         let count = indices.as_ref().map_or(vertices, |indices| indices.count);
         if mode == Mode::List && count % 3 != 0 {
@@ -276,7 +279,7 @@ impl<'a> Decoder<'a> {
         let has_uv = has_uv.is_some_and(|set| source.attributes.contains_key(&format!("TEXCOORD_{set}")));
         if primitive.tangents.is_none() && has_uv {
             let before = primitive.positions.len();
-            let exact = tangents::generate(primitive, &texture);
+            let exact = tangents::generate(primitive, &texture, &mut self.tangent_pairs);
             self.charge_vertices(primitive.positions.len().saturating_sub(before), place)?;
             if !exact {
                 let detail =
@@ -305,7 +308,7 @@ mod tests {
         builder
     }
 
-    fn with_material(mut builder: Builder, material: Value) -> Builder {
+    fn with_material(mut builder: Builder, material: &Value) -> Builder {
         builder.json["materials"] = json!([material]);
         builder.json["meshes"][0]["primitives"][0]["material"] = json!(0);
         let view = builder.view(PNG);
@@ -322,7 +325,7 @@ mod tests {
         assert_eq!(primitive.normals.as_deref(), Some(&[Vec3::Z, Vec3::ZERO, Vec3::Z][..]), "unit or zero");
         assert!(plain.warnings.iter().any(|warning| warning.code == "normal_zero"));
         let base = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 3}}});
-        let textured = scene_of(&with_material(full(), base));
+        let textured = scene_of(&with_material(full(), &base));
         let primitive = &textured.meshes[0].primitives[0];
         assert_eq!(
             (primitive.uvs.len(), primitive.uvs[0][0], primitive.tangents.is_none()),
@@ -334,10 +337,10 @@ mod tests {
     #[test]
     fn tangents_are_given_or_made() {
         let mapped = || json!({"normalTexture": {"index": 0}});
-        let given = scene_of(&with_material(full(), mapped()));
+        let given = scene_of(&with_material(full(), &mapped()));
         assert_eq!(given.meshes[0].primitives[0].tangents.as_ref().unwrap()[0], Vec4::new(0.0, 1.0, 0.0, -1.0));
         for lacking in ["TANGENT", "NORMAL"] {
-            let mut builder = with_material(full(), mapped());
+            let mut builder = with_material(full(), &mapped());
             builder.json["meshes"][0]["primitives"][0]["attributes"].as_object_mut().unwrap().remove(lacking);
             let made = scene_of(&builder);
             let primitive = &made.meshes[0].primitives[0];
@@ -346,7 +349,7 @@ mod tests {
                 assert!(tangent.abs_diff_eq(Vec4::new(1.0, 0.0, 0.0, 1.0), 1e-5), "without {lacking}: {tangent}");
             }
         }
-        let missing = scene_of(&with_material(full(), json!({"normalTexture": {"index": 0, "texCoord": 1}})));
+        let missing = scene_of(&with_material(full(), &json!({"normalTexture": {"index": 0, "texCoord": 1}})));
         let primitive = &missing.meshes[0].primitives[0];
         assert_eq!(primitive.uvs, [vec![Vec2::ZERO; 3]]);
         assert!(missing.warnings.iter().any(|warning| warning.code == "uv_missing"));
@@ -369,7 +372,7 @@ mod tests {
     fn bad_vertices_and_indices_are_named() {
         let mut builder = Builder::default();
         builder.accessor(&[0.0, f32::NAN, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], "VEC3");
-        builder.show(json!([{"attributes": {"POSITION": 0}}]));
+        builder.show(&json!([{"attributes": {"POSITION": 0}}]));
         let fault = error_of(&builder);
         assert_eq!((fault.code, fault.pointer.as_str()), ("not_finite", "/meshes/0/primitives/0/attributes/POSITION"));
         assert!(fault.detail.contains("vertex 0"));
@@ -417,7 +420,7 @@ mod tests {
         let far: Vec<f32> = (0..300).map(|i| i as f32).collect();
         builder.accessor(&far, "VEC3");
         let accessor = builder.indices(&[99, 1, 50]);
-        builder.show(json!([{"attributes": {"POSITION": 0}, "indices": accessor}]));
+        builder.show(&json!([{"attributes": {"POSITION": 0}, "indices": accessor}]));
         let scene = scene_of(&builder);
         let primitive = &scene.meshes[0].primitives[0];
         assert_eq!(primitive.triangles, [[2, 0, 1]]);

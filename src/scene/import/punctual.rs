@@ -87,7 +87,7 @@ mod tests {
     use glam::Vec3;
     use serde_json::{Value, json};
 
-    fn lights(lights: Value) -> crate::scene::Package {
+    fn lights(lights: &Value) -> crate::scene::Package {
         gltf(
             json!({"extensionsUsed": ["KHR_lights_punctual"], "extensions": {"KHR_lights_punctual": {"lights": lights}},
             "nodes": [{"extensions": {"KHR_lights_punctual": {"light": 0}}}], "scenes": [{"nodes": [0]}]}),
@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn lights_are_read() {
-        let scene = scene(&lights(json!([
+        let scene = scene(&lights(&json!([
             {"type": "spot", "color": [1, 0.5, 0], "intensity": 4, "range": 9, "spot": {"innerConeAngle": 2, "outerConeAngle": 0.5}},
             {"type": "point"}, {"type": "directional"}, {"type": "spot", "spot": {}},
         ])));
@@ -112,7 +112,7 @@ mod tests {
     #[test]
     fn bad_lights_are_refused() {
         let place = |light: Value| {
-            error(&lights(json!([light]))).pointer.replace("/extensions/KHR_lights_punctual/lights/0", "")
+            error(&lights(&json!([light]))).pointer.replace("/extensions/KHR_lights_punctual/lights/0", "")
         };
         assert_eq!(place(json!({"type": "area"})), "/type");
         assert_eq!(place(json!({"type": "point", "intensity": -1})), "/intensity");

@@ -20,16 +20,26 @@ pub(super) fn orthonormal(tangent: Vec4) -> Vec4 {
 /// Makes the tangents of a primitive for its normal map, splitting vertices where faces disagree. Follows MikkTSpace,
 /// which glTF names (3.7.2.1), on the texture coordinates as the map's transform leaves them. A corner without any
 /// tangent gets zero. False: the mesh would take MikkTSpace too long, and each face got its own tangents.
-pub(super) fn generate(primitive: &mut Primitive, texture: &TextureRef) -> bool {
+/// `pairs` counts the work done in the scene so far.
+pub(super) fn generate(primitive: &mut Primitive, texture: &TextureRef, pairs: &mut u64) -> bool {
     let faces = Faces::new(primitive, texture);
-    let exact = faces.is_feasible();
+    let more = faces.pairs();
+    let usual = USUAL_PAIRS.saturating_mul(faces.triangles.len() as u64);
+    let exact = more <= usual || pairs.saturating_add(more) <= MAX_PAIRS;
+    if exact && more > usual {
+        *pairs += more;
+    }
     let corners = if exact { faces.mikktspace() } else { faces.by_face() };
     split(primitive, &corners);
     exact
 }
 
-/// Sum over positions of the square of the corners there, above which MikkTSpace (quadratic in it) is not run.
-const MAX_PAIRS: u64 = 200_000_000;
+/// Pairs of corners that share a position, in all meshes of a scene that have more than [`USUAL_PAIRS`], above which
+/// MikkTSpace (whose time grows with them) is not run.
+const MAX_PAIRS: u64 = 300_000_000;
+
+/// Pairs per triangle that cost no more than the triangle itself; a regular mesh has about 20.
+const USUAL_PAIRS: u64 = 64;
 
 /// A primitive as MikkTSpace sees it.
 struct Faces<'a> {
@@ -74,14 +84,14 @@ impl<'a> Faces<'a> {
         }
     }
 
-    fn is_feasible(&self) -> bool {
+    /// Pairs of corners at the same position that MikkTSpace may compare.
+    fn pairs(&self) -> u64 {
         let mut corners: HashMap<[u32; 3], u64> = HashMap::new();
         for vertex in self.triangles.iter().flatten() {
             let position = self.positions.get(*vertex as usize).copied().unwrap_or_default();
             *corners.entry(position.to_array().map(f32::to_bits)).or_default() += 1;
         }
-        corners.values().fold(0_u64, |pairs, count| pairs.saturating_add(count * count))
-            <= MAX_PAIRS.max(64 * self.triangles.len() as u64)
+        corners.values().fold(0, |pairs, count| pairs.saturating_add(count.saturating_mul(*count)))
     }
 
     fn mikktspace(&self) -> Vec<Vec4> {
@@ -201,12 +211,12 @@ mod tests {
     fn the_bitangent_points_up_in_the_picture() {
         for normals in [true, false] {
             let mut upright = square(normals, false);
-            assert!(generate(&mut upright, &MAP));
+            assert!(generate(&mut upright, &MAP, &mut 0));
             // cross(z, x) * 1 = y, against growing v.
             assert_all(&upright, Vec4::new(1.0, 0.0, 0.0, 1.0));
             assert_eq!(upright.positions.len(), 4, "agreeing corners stay shared");
             let mut mirrored = square(normals, true);
-            assert!(generate(&mut mirrored, &MAP));
+            assert!(generate(&mut mirrored, &MAP, &mut 0));
             assert_all(&mirrored, Vec4::new(-1.0, 0.0, 0.0, -1.0));
         }
     }
@@ -215,7 +225,7 @@ mod tests {
     fn the_transform_turns_tangents() {
         let quarter = Mat3::from_cols(Vec3::new(0.0, -1.0, 0.0), Vec3::new(1.0, 0.0, 0.0), Vec3::Z);
         let mut turned = square(true, false);
-        generate(&mut turned, &TextureRef { transform: quarter, ..MAP });
+        generate(&mut turned, &TextureRef { transform: quarter, ..MAP }, &mut 0);
         // u' = v grows towards -y.
         assert_all(&turned, Vec4::new(0.0, -1.0, 0.0, 1.0));
     }
@@ -228,7 +238,7 @@ mod tests {
         both.uvs[0].extend([Vec2::new(0.0, 1.0), Vec2::new(0.0, 0.0)]);
         both.triangles.extend([[1, 4, 5], [1, 5, 2]]);
         both.colors = Some(vec![Vec4::ONE; 6]);
-        assert!(generate(&mut both, &MAP));
+        assert!(generate(&mut both, &MAP, &mut 0));
         assert_eq!(both.positions.len(), 8, "the two vertices on the seam are doubled");
         assert_eq!((both.uvs[0].len(), both.colors.as_ref().unwrap().len()), (8, 8));
         let signs: Vec<f32> =
@@ -242,7 +252,7 @@ mod tests {
             let mut primitive = square(true, false);
             primitive.positions.iter_mut().for_each(|position| *position *= size);
             primitive.uvs[0].iter_mut().for_each(|uv| *uv *= uv_size);
-            generate(&mut primitive, &MAP);
+            generate(&mut primitive, &MAP, &mut 0);
             for tangent in primitive.tangents.unwrap() {
                 let length = tangent.truncate().length();
                 assert!(
@@ -263,7 +273,7 @@ mod tests {
         fan.uvs = vec![fan.positions.iter().map(|position| Vec2::new(position.x, -position.y)).collect()];
         fan.triangles = (1..=rim).map(|i| [0, i, i + 1]).collect();
         let start = std::time::Instant::now();
-        assert!(!generate(&mut fan, &MAP));
+        assert!(!generate(&mut fan, &MAP, &mut 0));
         assert!(start.elapsed().as_secs() < 20, "{:?}", start.elapsed());
         let tangents = fan.tangents.unwrap();
         assert!(

@@ -64,12 +64,12 @@ impl Builder {
     pub(in crate::scene) fn triangle() -> Self {
         let mut builder = Self::default();
         builder.accessor(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0], "VEC3");
-        builder.show(json!([{"attributes": {"POSITION": 0}}]));
+        builder.show(&json!([{"attributes": {"POSITION": 0}}]));
         builder
     }
 
     /// A mesh of these primitives, a node and a scene for it.
-    pub(in crate::scene) fn show(&mut self, primitives: Value) {
+    pub(in crate::scene) fn show(&mut self, primitives: &Value) {
         self.json["meshes"] = json!([{ "primitives": primitives }]);
         self.json["nodes"] = json!([{"mesh": 0}]);
         self.json["scenes"] = json!([{"nodes": [0]}]);
