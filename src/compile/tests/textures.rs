@@ -103,6 +103,8 @@ fn alpha_of_texels_under_a_triangle_decides() {
     assert!(!tested(&blended(|x, _| if x < 12 { 0 } else { 255 })), "holes elsewhere do not matter");
     assert!(tested(&blended(|x, y| if (x, y) == (20, 20) { 254 } else { 255 })));
     assert!(tested(&blended(|x, _| if x < 16 { 0 } else { 255 })), "filtering reads one texel beyond the edge");
+    assert!(tested(&blended(|x, _| if x > 31 { 0 } else { 255 })), "on either side");
+    assert!(!tested(&blended(|x, _| if x > 32 { 0 } else { 255 })));
     assert!(blended(|x, _| if x < 12 { 255 } else { 0 }).triangles.is_empty());
 }
 
