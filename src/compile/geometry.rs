@@ -23,6 +23,8 @@ const MAX_EXTENT: f64 = 1e15;
 const MAX_TRIANGLES: u64 = 1 << 27;
 /// Most instances.
 const MAX_INSTANCES: usize = 1 << 24;
+/// Most emitting triangles, counted per instance.
+const MAX_EMITTERS: u64 = 1 << 26;
 /// Volume of a placement's unit cube, relative to its edges, below which it counts as flat.
 const FLAT: f64 = 1e-6;
 
@@ -49,7 +51,8 @@ pub fn compile_scene(scene: &Scene, scene_index: Option<usize>) -> Result<Compil
         Surfaces { table: &table, alpha: table.alpha_tests(&textures), emissions: table.emissions(&textures) };
     let mut compiled = CompiledScene { origin, layout, ..CompiledScene::default() };
     let merged = groups.merged_soup(origin, &surfaces, &mut compiled);
-    let soups = groups.instanced.iter().map(|group| group.soup(&surfaces, &mut compiled)).collect();
+    let soups: Vec<Soup> = groups.instanced.iter().map(|group| group.soup(&surfaces, &mut compiled)).collect();
+    check_emitters(&merged, &soups, &groups.instanced)?;
     let start = Instant::now();
     assemble(&mut compiled, &table, merged, soups, &groups.instanced);
     let used: BTreeSet<usize> = uses.iter().map(|(_, use_)| use_.texture).collect();
@@ -192,6 +195,16 @@ impl Group<'_> {
     }
 }
 
+fn check_emitters(merged: &Soup, soups: &[Soup], groups: &[Group]) -> Result<(), SceneError> {
+    let lit = |soup: &Soup| soup.luminance.iter().filter(|l| **l > 0.0).count() as u64;
+    let instanced = soups.iter().zip(groups).map(|(soup, group)| lit(soup) * group.worlds.len() as u64);
+    let emitters = lit(merged) + instanced.sum::<u64>();
+    if emitters > MAX_EMITTERS {
+        return Err(too_large(&format!("{emitters} emitting triangles; at most {MAX_EMITTERS} are supported")));
+    }
+    Ok(())
+}
+
 fn is_invertible(world: &DAffine3) -> bool {
     let m = world.matrix3;
     let edges = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
@@ -239,7 +252,7 @@ struct Soup {
 impl Soup {
     fn add_mesh(&mut self, mesh: &Mesh, placement: &Placement, surfaces: &Surfaces, compiled: &mut CompiledScene) {
         for primitive in &mesh.primitives {
-            let first_vertex = compiled.stats_vertices();
+            let first_vertex = compiled.vertex_count();
             vertices::push(&mut compiled.vertices, &compiled.layout, primitive, placement);
             self.add_primitive(primitive, placement, surfaces, first_vertex, &mut compiled.stats);
         }
@@ -299,7 +312,7 @@ impl Soup {
 
 impl CompiledScene {
     /// Vertices stored so far.
-    fn stats_vertices(&self) -> u32 {
+    fn vertex_count(&self) -> u32 {
         self.vertices.len().checked_div(self.layout.stride as usize).unwrap_or(0) as u32
     }
 }

@@ -37,7 +37,7 @@ fn check(tree: &Tree, boxes: &[Bounds], index: usize, seen: &mut [u32], depth: u
         } else {
             inside = check(tree, boxes, node.child_node_index(slot) as usize, seen, depth + 1);
         }
-        let p = Vec3::from(node.p).as_dvec3();
+        let p = node.p.as_dvec3();
         let (min, max) = child_box(&node, slot);
         let (low, high): (DVec3, DVec3) = (inside.min.as_dvec3() - p, inside.max.as_dvec3() - p);
         assert!(min.cmple(low).all() && high.cmple(max).all(), "node {index} child {slot}: {min} {low} {high} {max}");
@@ -92,7 +92,10 @@ fn equal_and_nested_boxes_make_shallow_trees_in_little_time() {
     let shrinking = check_tree(&(0..250).map(|i| around(2.0_f32.powi(i - 125))).collect::<Vec<_>>());
     let corner = |i: i32| Bounds { min: Vec3::ZERO, max: Vec3::splat(1.3_f32.powi(i)) };
     let fan = check_tree(&(0..100).map(corner).collect::<Vec<_>>());
-    for tree in [equal, nested, shrinking, fan] {
+    let steep = check_tree(
+        &(0..240).map(|i| Bounds { max: Vec3::splat(1.4_f32.powi(i - 120)), ..corner(0) }).collect::<Vec<_>>(),
+    );
+    for tree in [equal, nested, shrinking, fan, steep] {
         assert!(tree.depth <= 24, "depth {}", tree.depth);
     }
     assert!(start.elapsed().as_secs() < 20, "{:?}", start.elapsed());

@@ -34,7 +34,7 @@ fn walk(scene: &CompiledScene, root: u32, origin: DVec3, direction: DVec3, leaf:
     let mut open = vec![root];
     while let Some(index) = open.pop() {
         let node = decode(&scene.nodes[index as usize]);
-        let p = Vec3::from(node.p).as_dvec3();
+        let p = node.p.as_dvec3();
         for slot in (0..8).filter(|slot| node.child_meta[*slot] != 0) {
             let (min, max) = child_box(&node, slot);
             if !crosses(p + min, p + max, origin, direction, f64::INFINITY) {
