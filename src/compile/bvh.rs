@@ -21,6 +21,8 @@ const FEW_BINS: usize = 8;
 const FEW: usize = 12;
 /// Depth of the binary tree below which ranges are halved instead of split by cost.
 const SAH_DEPTH: u32 = 40;
+/// Smallest size of a box relative to the whole, 2^-50.
+const SPECK: f32 = 8.881_784e-16;
 /// Ranges of at least this many primitives are built by two threads.
 const PARALLEL: usize = 4096;
 
@@ -46,7 +48,8 @@ pub fn build(boxes: &[Bounds]) -> Tree {
     Tree { nodes, order: wide.primitive_indices, depth }
 }
 
-/// A box scaled to the unit cube, so that areas neither overflow nor vanish. Rounded: it shapes the tree, no more.
+/// A box scaled to about one and grown by a speck, so that areas neither overflow nor vanish (where they vanish,
+/// collapsing sees no gain in wide nodes). It shapes the tree, no more.
 #[derive(Clone, Copy)]
 struct Item {
     aabb: Aabb,
@@ -55,11 +58,12 @@ struct Item {
 
 fn binary(boxes: &[Bounds]) -> Bvh2 {
     let all = boxes.iter().fold(Bounds::default(), |all, b| all.union(*b));
-    let (min, max) = (all.min.as_dvec3(), all.max.as_dvec3());
-    let scale = 1.0 / (max - min).max_element().max(f64::from(f32::MIN_POSITIVE));
-    let unit = |v: Vec3| ((v.as_dvec3() - min) * scale).as_vec3a();
-    let mut items: Vec<Item> =
-        (boxes.iter().zip(0..)).map(|(b, index)| Item { aabb: Aabb::new(unit(b.min), unit(b.max)), index }).collect();
+    let largest = all.min.abs().max(all.max.abs()).max_element().max(f32::MIN_POSITIVE);
+    let scale = f64::from(largest).log2().floor().exp2().recip();
+    let unit = |v: Vec3| (v.as_dvec3() * scale).as_vec3a();
+    let mut items: Vec<Item> = (boxes.iter().zip(0..))
+        .map(|(b, index)| Item { aabb: Aabb::new(unit(b.min), unit(b.max) + SPECK), index })
+        .collect();
     let mut nodes = vec![Bvh2Node::default(); 2 * items.len() - 1];
     let (root, rest) = nodes.split_at_mut(1);
     Range { items: &mut items, first_item: 0, root: &mut root[0], rest, first_node: 1 }.build(0);
