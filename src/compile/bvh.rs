@@ -15,8 +15,14 @@ use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
 const LEAF_SIZE: u32 = 3;
 /// Bins per axis.
 const BINS: usize = 16;
+/// Bins per axis for ranges of fewer than [`FEW`] primitives: a third off the build time, the same cost.
+const FEW_BINS: usize = 8;
+/// See [`FEW_BINS`].
+const FEW: usize = 12;
 /// Depth of the binary tree below which ranges are halved instead of split by cost.
 const SAH_DEPTH: u32 = 40;
+/// Smallest size of a box relative to the whole, 2^-50.
+const SPECK: f32 = 8.881_784e-16;
 /// Ranges of at least this many primitives are built by two threads.
 const PARALLEL: usize = 4096;
 
@@ -42,7 +48,8 @@ pub fn build(boxes: &[Bounds]) -> Tree {
     Tree { nodes, order: wide.primitive_indices, depth }
 }
 
-/// A box scaled to the unit cube, so that areas neither overflow nor vanish. Rounded: it shapes the tree, no more.
+/// A box scaled to about one and grown by a speck, so that areas neither overflow nor vanish (where they vanish,
+/// collapsing sees no gain in wide nodes). It shapes the tree, no more.
 #[derive(Clone, Copy)]
 struct Item {
     aabb: Aabb,
@@ -51,11 +58,12 @@ struct Item {
 
 fn binary(boxes: &[Bounds]) -> Bvh2 {
     let all = boxes.iter().fold(Bounds::default(), |all, b| all.union(*b));
-    let (min, max) = (all.min.as_dvec3(), all.max.as_dvec3());
-    let scale = 1.0 / (max - min).max_element().max(f64::from(f32::MIN_POSITIVE));
-    let unit = |v: Vec3| ((v.as_dvec3() - min) * scale).as_vec3a();
-    let mut items: Vec<Item> =
-        (boxes.iter().zip(0..)).map(|(b, index)| Item { aabb: Aabb::new(unit(b.min), unit(b.max)), index }).collect();
+    let largest = all.min.abs().max(all.max.abs()).max_element().max(f32::MIN_POSITIVE);
+    let scale = f64::from(largest).log2().floor().exp2().recip();
+    let unit = |v: Vec3| (v.as_dvec3() * scale).as_vec3a();
+    let mut items: Vec<Item> = (boxes.iter().zip(0..))
+        .map(|(b, index)| Item { aabb: Aabb::new(unit(b.min), unit(b.max) + SPECK), index })
+        .collect();
     let mut nodes = vec![Bvh2Node::default(); 2 * items.len() - 1];
     let (root, rest) = nodes.split_at_mut(1);
     Range { items: &mut items, first_item: 0, root: &mut root[0], rest, first_node: 1 }.build(0);
@@ -147,9 +155,10 @@ struct Bin {
 fn split_by_cost(items: &mut [Item]) -> Option<usize> {
     let centres = centre_bounds(items);
     let extent = centres.diagonal();
-    let scale = Vec3A::select(extent.cmpgt(Vec3A::ZERO), BINS as f32 / extent, Vec3A::ZERO);
+    let used = if items.len() < FEW { FEW_BINS } else { BINS };
+    let scale = Vec3A::select(extent.cmpgt(Vec3A::ZERO), used as f32 / extent, Vec3A::ZERO);
     let bin_of = |item: &Item| {
-        let bin = ((centre(item) - centres.min) * scale).min(Vec3A::splat(BINS as f32 - 1.0));
+        let bin = ((centre(item) - centres.min) * scale).min(Vec3A::splat(used as f32 - 1.0));
         [bin.x as usize, bin.y as usize, bin.z as usize]
     };
     let mut bins = [[Bin { aabb: Aabb::empty(), count: 0 }; BINS]; 3];
@@ -162,14 +171,14 @@ fn split_by_cost(items: &mut [Item]) -> Option<usize> {
     }
     let (_, axis, plane) = (0..3)
         .filter(|axis| extent[*axis] > 0.0)
-        .filter_map(|axis| cheapest_plane(&bins[axis]).map(|(cost, plane)| (cost, axis, plane)))
+        .filter_map(|axis| cheapest_plane(&bins[axis][..used]).map(|(cost, plane)| (cost, axis, plane)))
         .min_by(|a, b| a.0.total_cmp(&b.0))?;
     let middle = partition(items, |item| bin_of(item)[axis] < plane);
     (0 < middle && middle < items.len()).then_some(middle)
 }
 
 /// The cost and index of the first bin to the right of the cheapest plane that has primitives on both sides.
-fn cheapest_plane(bins: &[Bin; BINS]) -> Option<(f32, usize)> {
+fn cheapest_plane(bins: &[Bin]) -> Option<(f32, usize)> {
     let mut right = [f32::INFINITY; BINS];
     let mut side = Bin { aabb: Aabb::empty(), count: 0 };
     let add = |side: &mut Bin, bin: &Bin| {
@@ -177,11 +186,11 @@ fn cheapest_plane(bins: &[Bin; BINS]) -> Option<(f32, usize)> {
         side.count += bin.count;
         if side.count == 0 { f32::INFINITY } else { side.aabb.half_area() * side.count as f32 }
     };
-    for plane in (1..BINS).rev() {
+    for plane in (1..bins.len()).rev() {
         right[plane] = add(&mut side, &bins[plane]);
     }
     side = Bin { aabb: Aabb::empty(), count: 0 };
-    (1..BINS)
+    (1..bins.len())
         .map(|plane| (add(&mut side, &bins[plane - 1]) + right[plane], plane))
         .filter(|(cost, _)| cost.is_finite())
         .min_by(|a, b| a.0.total_cmp(&b.0))

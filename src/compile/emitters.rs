@@ -1,6 +1,6 @@
 //! Which triangles emit, and how much.
 
-use super::geometry::Bottom;
+use super::assemble::Bottom;
 use super::texels::{TexelCounts, Texels};
 use super::vertices::Placement;
 use super::{Emitter, Material, TexturePages, Triangle};

@@ -10,6 +10,7 @@
 
 mod alias;
 mod alpha;
+mod assemble;
 mod atlas;
 mod bounds;
 mod bvh;
@@ -19,6 +20,7 @@ mod environment;
 pub mod features;
 mod framing;
 mod geometry;
+mod groups;
 mod hdri;
 mod lights;
 mod materials;

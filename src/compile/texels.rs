@@ -64,7 +64,8 @@ impl<'a> Texels<'a> {
         let slack = 1e-2 + 1e-6 * low.abs().max(high.abs());
         let (low, high) = ((low - 0.5 - slack).floor(), (high - 0.5 + slack).floor() + 1.0);
         let all = [0, size - 1];
-        if !(high - low < size as f64) {
+        let span = high - low;
+        if span.is_nan() || span >= size as f64 {
             return vec![all];
         }
         let code = self.wrap_code(axis);

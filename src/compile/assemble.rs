@@ -1,0 +1,161 @@
+//! Triangle soups -> trees, instances and the top level over them.
+
+use super::bvh::{self, Tree};
+use super::emitters;
+use super::geometry::Soup;
+use super::groups::{Group, corner_points};
+use super::materials::Table;
+use super::{Bounds, BvhNode, CompiledScene, Instance, Triangle};
+use glam::{DAffine3, DVec3, Vec3};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// A mesh in its tree.
+#[derive(Default)]
+pub struct Bottom {
+    tree: Tree,
+    /// In leaf order.
+    pub triangles: Vec<Triangle>,
+    indices: Vec<[u32; 3]>,
+    /// Emitting triangles: index among the mesh's, and mean luminance.
+    pub lit: Vec<(u32, f32)>,
+    bounds: Bounds,
+}
+
+impl Soup {
+    /// Builds the tree and brings the triangles into its order.
+    fn build(self) -> Bottom {
+        let boxes: Vec<Bounds> = self.triangles.iter().map(triangle_bounds).collect();
+        let tree = bvh::build(&boxes);
+        let mut bottom =
+            Bottom { bounds: boxes.iter().fold(Bounds::default(), |a, b| a.union(*b)), ..Bottom::default() };
+        for (position, from) in (0..).zip(&tree.order) {
+            let from = *from as usize;
+            let mut triangle = self.triangles[from];
+            if self.luminance[from] > 0.0 {
+                triangle.light = bottom.lit.len() as u32;
+                bottom.lit.push((position, self.luminance[from]));
+            }
+            bottom.triangles.push(triangle);
+            bottom.indices.push(self.indices[from]);
+        }
+        bottom.tree = tree;
+        bottom
+    }
+}
+
+fn triangle_bounds(triangle: &Triangle) -> Bounds {
+    [triangle.v0, triangle.v1, triangle.v2].map(Vec3::from_array).into_iter().fold(Bounds::default(), Bounds::with)
+}
+
+/// An instance before the top level orders it.
+struct Standing {
+    bottom: usize,
+    /// To world, relative to the origin.
+    map: DAffine3,
+    bounds: Bounds,
+}
+
+/// Puts everything into trees and the trees into the scene.
+pub fn assemble(compiled: &mut CompiledScene, table: &Table, merged: Soup, soups: Vec<Soup>, groups: &[Group]) {
+    let mut bottoms: Vec<Bottom> = soups.into_par_iter().map(Soup::build).collect();
+    bottoms.push(merged.build());
+    let merged = bottoms.len() - 1;
+    let mut standing = instances(&bottoms, groups, compiled.origin);
+    compiled.two_level = !standing.is_empty();
+    let empty = bottoms[merged].triangles.is_empty();
+    if !(compiled.two_level && empty) {
+        standing.push(Standing { bottom: merged, map: DAffine3::IDENTITY, bounds: bottoms[merged].bounds });
+    }
+    let mut order: Vec<u32> = vec![0];
+    if compiled.two_level {
+        let top = bvh::build(&standing.iter().map(|s| s.bounds).collect::<Vec<_>>());
+        compiled.depth = top.depth;
+        compiled.nodes = top.nodes;
+        order = top.order;
+    }
+    let roots = append_bottoms(compiled, &mut bottoms, &standing);
+    for index in order {
+        push_instance(compiled, &standing[index as usize], &bottoms, &roots, table);
+    }
+    compiled.stats.triangles = compiled.triangles.len() as u64;
+    compiled.stats.instances = compiled.instances.len() as u64;
+}
+
+/// All instances of meshes drawn several times that have something to show.
+fn instances(bottoms: &[Bottom], groups: &[Group], origin: DVec3) -> Vec<Standing> {
+    let mut standing = Vec::new();
+    for (bottom, group) in groups.iter().enumerate().filter(|(bottom, _)| !bottoms[*bottom].triangles.is_empty()) {
+        let points = corner_points(group.mesh);
+        let maps = group.worlds.par_iter().map(|world| DAffine3 { translation: world.translation - origin, ..*world });
+        let placed = maps.map(|map| Standing { bottom, map, bounds: instance_bounds(&points, &map) });
+        standing.par_extend(placed);
+    }
+    standing
+}
+
+/// Bounds of a placed mesh, as a ray sees it that goes through the rounded inverse of the map.
+fn instance_bounds(points: &[DVec3], map: &DAffine3) -> Bounds {
+    let placed = points.iter().map(|p| map.transform_point3(*p));
+    let (min, max) = placed.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)));
+    // Rounding the inverse A of M moves a point x by at most |M| (ulp |A| (|x| + |t|)); a factor of 4 covers sums.
+    let (m, inverse) = (map.matrix3, map.matrix3.inverse());
+    let reach = min.abs().max(max.abs()) + map.translation.abs();
+    let slack = m.abs() * (inverse.abs() * reach) * (4.0 * f64::from(f32::EPSILON));
+    Bounds::outwards(min - slack, max + slack)
+}
+
+/// Moves triangles and nodes of all meshes that stand somewhere into the scene; returns (root, first triangle) of each.
+fn append_bottoms(compiled: &mut CompiledScene, bottoms: &mut [Bottom], standing: &[Standing]) -> Vec<(u32, u32)> {
+    let used: BTreeSet<usize> = standing.iter().map(|s| s.bottom).collect();
+    let mut roots = vec![(0, 0); bottoms.len()];
+    let mut deepest = 0;
+    for index in used {
+        let bottom = &mut bottoms[index];
+        let (root, first_triangle) = (compiled.nodes.len() as u32, compiled.triangles.len() as u32);
+        roots[index] = (root, first_triangle);
+        deepest = deepest.max(bottom.tree.depth);
+        compiled.nodes.extend(bottom.tree.nodes.drain(..).map(|node| shifted(node, root, first_triangle)));
+        compiled.triangles.extend_from_slice(&bottom.triangles);
+        compiled.indices.append(&mut bottom.indices);
+    }
+    compiled.depth += deepest;
+    roots
+}
+
+/// A node whose indices count from elsewhere: word 4 is the first child node, word 5 the first primitive.
+fn shifted(mut node: BvhNode, nodes: u32, primitives: u32) -> BvhNode {
+    node.words[4] += nodes;
+    node.words[5] += primitives;
+    node
+}
+
+fn push_instance(
+    compiled: &mut CompiledScene,
+    standing: &Standing,
+    bottoms: &[Bottom],
+    roots: &[(u32, u32)],
+    table: &Table,
+) {
+    let bottom = &bottoms[standing.bottom];
+    let (root, first_triangle) = roots[standing.bottom];
+    let index = compiled.instances.len() as u32;
+    compiled.instances.push(Instance {
+        to_world: rows(&standing.map),
+        to_object: rows(&standing.map.inverse()),
+        root,
+        first_triangle,
+        light_base: compiled.emitters.len() as u32,
+        flags: u32::from(standing.map.matrix3.determinant() < 0.0),
+    });
+    let emitters = emitters::of_instance(index, bottom, first_triangle, &table.materials, standing.map);
+    compiled.emitters.extend(emitters);
+    compiled.bounds = compiled.bounds.union(standing.bounds);
+    compiled.stats.instanced_triangles += bottom.triangles.len() as u64;
+}
+
+/// Rows of a 3x4 matrix.
+fn rows(map: &DAffine3) -> [[f32; 4]; 3] {
+    let m = map.matrix3;
+    std::array::from_fn(|i| [m.x_axis[i], m.y_axis[i], m.z_axis[i], map.translation[i]].map(|v| v as f32))
+}

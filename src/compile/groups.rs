@@ -1,0 +1,145 @@
+//! Which meshes stand where, and how each is stored: a mesh drawn once is merged with its like in world space; a mesh
+//! drawn several times is stored once, with an instance each. A placement that cannot be inverted is merged in any case.
+
+use super::walk::{invalid, placed_nodes};
+use super::{CompileError, VertexLayout};
+use crate::scene::{Mesh, Primitive, Scene, SceneError, SceneErrorKind};
+use glam::{DAffine3, DVec3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Largest extent of a scene: squares and areas of what is smaller stay far from the limits of f32.
+const MAX_EXTENT: f64 = 1e15;
+/// Most triangles that are stored.
+const MAX_TRIANGLES: u64 = 1 << 27;
+/// Most instances.
+const MAX_INSTANCES: usize = 1 << 24;
+/// Volume of a placement's unit cube, relative to its edges, below which it counts as flat.
+const FLAT: f64 = 1e-6;
+
+/// What is drawn, by how it is stored.
+pub struct Groups<'a> {
+    /// Drawn once each.
+    pub merged: Vec<(&'a Mesh, DAffine3)>,
+    /// Drawn several times each.
+    pub instanced: Vec<Group<'a>>,
+}
+
+/// A mesh stored once and drawn several times.
+pub struct Group<'a> {
+    /// What.
+    pub mesh: &'a Mesh,
+    /// Where: object to world.
+    pub worlds: Vec<DAffine3>,
+}
+
+impl<'a> Groups<'a> {
+    /// Sorts what a scene of the file shows.
+    pub fn new(scene: &'a Scene, scene_index: Option<usize>) -> Result<Self, CompileError> {
+        let mut by_mesh: BTreeMap<usize, Vec<DAffine3>> = BTreeMap::new();
+        for placed in placed_nodes(scene, scene_index)? {
+            let Some(mesh) = scene.nodes[placed.node].mesh else { continue };
+            let linear = placed.world.matrix3;
+            if linear.to_cols_array().iter().any(|v| *v != 0.0) && placed.world.is_finite() {
+                by_mesh.entry(mesh).or_default().push(placed.world);
+            }
+        }
+        let mut groups = Self { merged: Vec::new(), instanced: Vec::new() };
+        for (mesh, worlds) in by_mesh {
+            let Some(mesh) = scene.meshes.get(mesh) else { continue };
+            let (worlds, flat): (Vec<_>, Vec<_>) = worlds.into_iter().partition(is_invertible);
+            groups.merged.extend(flat.into_iter().map(|world| (mesh, world)));
+            match worlds[..] {
+                [] => {}
+                [world] => groups.merged.push((mesh, world)),
+                _ => groups.instanced.push(Group { mesh, worlds }),
+            }
+        }
+        Ok(groups)
+    }
+
+    fn meshes(&self) -> impl Iterator<Item = &'a Mesh> {
+        self.merged.iter().map(|(mesh, _)| *mesh).chain(self.instanced.iter().map(|group| group.mesh))
+    }
+
+    /// Everything that is stored.
+    pub fn primitives(&self) -> impl Iterator<Item = &'a Primitive> {
+        self.meshes().flat_map(|mesh| &mesh.primitives)
+    }
+
+    /// Refuses too many triangles or instances.
+    pub fn check_size(&self) -> Result<(), SceneError> {
+        let triangles: u64 = self.primitives().map(|primitive| primitive.triangles.len() as u64).sum();
+        let instances: usize = self.instanced.iter().map(|group| group.worlds.len()).sum();
+        if triangles > MAX_TRIANGLES {
+            return Err(too_large(&format!("{triangles} triangles; at most {MAX_TRIANGLES} are supported")));
+        }
+        if instances > MAX_INSTANCES {
+            return Err(too_large(&format!("{instances} instances; at most {MAX_INSTANCES} are supported")));
+        }
+        Ok(())
+    }
+
+    /// Refuses more vertices than 32 bits can count words of.
+    pub fn check_vertices(&self, layout: &VertexLayout) -> Result<(), SceneError> {
+        let vertices: u64 = self.primitives().map(|primitive| primitive.positions.len() as u64).sum();
+        let words = vertices * u64::from(layout.stride.max(1));
+        if words > u64::from(u32::MAX) {
+            return Err(too_large(&format!("{vertices} vertices of {} words", layout.stride)));
+        }
+        Ok(())
+    }
+
+    /// Centre of the bounds of all triangles.
+    pub fn centre(&self) -> Result<DVec3, SceneError> {
+        let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let join = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
+        let around = |points: &[DVec3], world: &DAffine3| {
+            let points = points.iter().map(|p| world.transform_point3(*p)).filter(|p| p.is_finite());
+            points.fold(empty, |all, p| (all.0.min(p), all.1.max(p)))
+        };
+        let merged = self.merged.par_iter().map(|(mesh, world)| around(&corner_points(mesh), world));
+        let instanced = self.instanced.iter().map(|group| {
+            let points = corner_points(group.mesh);
+            group.worlds.par_iter().map(|world| around(&points, world)).reduce(|| empty, join)
+        });
+        let (min, max) = join(merged.reduce(|| empty, join), instanced.fold(empty, join));
+        if !min.cmple(max).all() {
+            return Ok(DVec3::ZERO);
+        }
+        let extent = (max - min).max_element();
+        if extent > MAX_EXTENT {
+            let detail =
+                format!("the scene is {extent:e} units across; at most {MAX_EXTENT:e} are supported: scale it");
+            return Err(invalid("extent_too_large", "/scenes", &detail));
+        }
+        Ok((min + max) * 0.5)
+    }
+}
+
+fn is_invertible(world: &DAffine3) -> bool {
+    let m = world.matrix3;
+    let edges = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
+    m.determinant().abs() > FLAT * edges && world.inverse().is_finite()
+}
+
+/// A [`SceneError`] of a scene that is beyond a limit.
+pub fn too_large(detail: &str) -> SceneError {
+    let detail = format!("the scene has {detail}; simplify its meshes");
+    SceneError { kind: SceneErrorKind::TooLarge, code: "scene_too_large", pointer: "/meshes".into(), detail }
+}
+
+/// The vertices that some triangle of the mesh uses.
+pub fn corner_points(mesh: &Mesh) -> Vec<DVec3> {
+    let mut points = Vec::new();
+    for primitive in &mesh.primitives {
+        let mut used = vec![false; primitive.positions.len()];
+        for index in primitive.triangles.iter().flatten() {
+            if let Some(used) = used.get_mut(*index as usize) {
+                *used = true;
+            }
+        }
+        points.extend(primitive.positions.iter().zip(used).filter(|(_, used)| *used).map(|(p, _)| p.as_dvec3()));
+    }
+    points
+}

@@ -1,0 +1,142 @@
+//! What shines, what is skipped, and what is chosen when nothing does.
+
+use super::{scene, triangle, triangle_with};
+use crate::compile::{
+    CompileError, CompiledScene, EnvironmentKind, Lens, Lighting, PunctualKind, compile_scene, features, light, view,
+};
+use crate::params::{EnvironmentChoice, EnvironmentParams, LightParams, Mode, RenderParams};
+use crate::scene::{Light, LightKind, Material, Node, Scene};
+use glam::{DAffine3, DVec3, Vec3};
+
+fn point(position: [f64; 3], intensity: f32, range: Option<f32>) -> LightParams {
+    LightParams::Point { position, color: [1.0; 3], intensity, range }
+}
+
+fn lit(scene: &Scene, params: &RenderParams) -> (CompiledScene, Lighting, usize) {
+    let compiled = compile_scene(scene, None).unwrap();
+    let (lighting, defaults) = light(scene, &compiled, params, None).unwrap();
+    (compiled, lighting, defaults.len())
+}
+
+fn glowing() -> Scene {
+    triangle_with(Material { emissive: Vec3::ONE, ..Material::default() })
+}
+
+#[test]
+fn picks_hold_lights_then_emitters_with_their_probabilities() {
+    let params = RenderParams {
+        lights: vec![point([0.0, 0.0, 2.0], 10.0, None), point([0.0, 0.0, 1e6], 1e-6, None)],
+        ..RenderParams::default()
+    };
+    let (compiled, lighting, _) = lit(&glowing(), &params);
+    assert_eq!((lighting.lights.len(), lighting.picks.len()), (2, 3));
+    let sum: f64 = lighting.picks.iter().map(|pick| f64::from(pick.probability)).sum();
+    assert!((sum - 1.0).abs() < 1e-6);
+    assert!(lighting.picks.iter().all(|pick| pick.probability > 0.03), "none is starved");
+    assert!(lighting.picks[0].probability > lighting.picks[1].probability);
+    assert_eq!((lighting.picks[0].area, lighting.picks[1].index), (0.0, 1));
+    assert_eq!((lighting.picks[2].area, lighting.picks[2].triangle), (0.5, 0));
+    let position = Vec3::from(lighting.lights[0].position).as_dvec3() + compiled.origin;
+    assert!(position.distance(DVec3::new(0.0, 0.0, 2.0)) < 1e-6);
+}
+
+#[test]
+fn direct_mode_picks_punctual_lights_alone() {
+    let lights = vec![point([0.0, 0.0, 2.0], 10.0, None)];
+    let params = RenderParams { lights, mode: Mode::Direct, ..RenderParams::default() };
+    let (_, lighting, _) = lit(&glowing(), &params);
+    assert_eq!((lighting.picks.len(), lighting.environment_probability), (1, 0.0));
+}
+
+#[test]
+fn lights_without_power_or_out_of_range_are_skipped() {
+    let lights = vec![
+        point([0.0, 0.0, 2.0], 0.0, None),
+        point([0.0, 0.0, 2.0], 1.0, Some(1.9)),
+        point([0.0, 0.0, 2.0], 1.0, Some(2.1)),
+    ];
+    let (_, lighting, _) = lit(&glowing(), &RenderParams { lights, ..RenderParams::default() });
+    assert_eq!((lighting.lights.len(), lighting.skipped), (1, 2));
+}
+
+#[test]
+fn neutral_light_comes_only_when_nothing_shines() {
+    let dark = triangle_with(Material::default());
+    let (_, lighting, defaults) = lit(&dark, &RenderParams::default());
+    assert!(matches!(lighting.environment.kind, EnvironmentKind::Gradient { top, bottom, .. } if top.y > bottom.y));
+    assert_eq!((lighting.environment_probability, defaults), (1.0, 1));
+    let (_, lighting, _) = lit(&glowing(), &RenderParams::default());
+    assert!(matches!(lighting.environment.kind, EnvironmentKind::None));
+    assert_eq!((lighting.environment_probability, lighting.picks.len()), (0.0, 1));
+    let direct = RenderParams { mode: Mode::Direct, ..RenderParams::default() };
+    let (_, lighting, _) = lit(&glowing(), &direct);
+    assert_eq!((lighting.lights.len(), lighting.picks.len()), (1, 1));
+    let none = RenderParams { environment: EnvironmentChoice::None, ..RenderParams::default() };
+    let (_, lighting, defaults) = lit(&dark, &none);
+    assert!(matches!(lighting.environment.kind, EnvironmentKind::None) && lighting.picks.is_empty() && defaults == 0);
+    let ambient = vec![LightParams::Ambient { color: [1.0, 0.5, 0.25], intensity: 2.0 }];
+    let (_, lighting, _) = lit(&dark, &RenderParams { lights: ambient, ..RenderParams::default() });
+    assert_eq!((lighting.environment.ambient, lighting.environment_probability), (Vec3::new(2.0, 1.0, 0.5), 1.0));
+    assert!(matches!(lighting.environment.kind, EnvironmentKind::None));
+}
+
+#[test]
+fn lights_of_the_file_stand_where_their_node_does() {
+    let mut source = scene(vec![super::mesh(triangle())], &[(0, DAffine3::IDENTITY)]);
+    let kind = LightKind::Spot { inner_cone: 0.1, outer_cone: 0.5 };
+    source.lights.push(Light { name: None, intensity: Vec3::splat(5.0), range: None, kind });
+    let local = DAffine3::from_translation(DVec3::new(0.0, 3.0, 0.0))
+        * DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2)
+        * DAffine3::from_scale(DVec3::splat(7.0));
+    source.nodes.push(Node { light: Some(0), local, ..Node::default() });
+    source.scenes[0].nodes.push(1);
+    let (compiled, lighting, _) = lit(&source, &RenderParams::default());
+    let light = lighting.lights[0];
+    assert_eq!(light.kind, PunctualKind::Spot as u32);
+    assert!(Vec3::from(light.direction).distance(Vec3::NEG_Y) < 1e-6);
+    let position = Vec3::from(light.position).as_dvec3() + compiled.origin;
+    assert!(position.distance(DVec3::new(0.0, 3.0, 0.0)) < 1e-6);
+    assert!((light.inner - 0.1_f32.cos()).abs() < 1e-6 && light.range.is_infinite());
+    let off = RenderParams { scene_lights: false, ..RenderParams::default() };
+    assert!(lit(&source, &off).1.lights.is_empty());
+}
+
+#[test]
+fn environments_are_checked() {
+    let source = glowing();
+    let compiled = compile_scene(&source, None).unwrap();
+    let pointer = |given: EnvironmentParams| {
+        let params = RenderParams { environment: EnvironmentChoice::Given(given), ..RenderParams::default() };
+        match light(&source, &compiled, &params, None) {
+            Err(CompileError::Params(error)) => error.pointer,
+            other => panic!("{other:?}"),
+        }
+    };
+    let named = EnvironmentParams { hdri: Some("sky.hdr".into()), ..EnvironmentParams::default() };
+    assert_eq!(pointer(named.clone()), "/params/environment/hdri");
+    assert_eq!(pointer(EnvironmentParams::default()), "/params/environment");
+    assert_eq!(pointer(EnvironmentParams { constant: Some([1.0; 3]), ..named }), "/params/environment");
+}
+
+#[test]
+fn features_follow_from_what_is_there() {
+    let of = |source: &Scene, params: &RenderParams| {
+        let (compiled, lighting, _) = lit(source, params);
+        let (view, _) = view(source, &compiled, params).unwrap();
+        assert!(matches!(view.lens, Lens::Perspective { .. }));
+        features(&compiled, &lighting, &view, params)
+    };
+    let plain = of(&triangle_with(Material::default()), &RenderParams::default());
+    assert!(plain.normals && plain.one_sided && plain.specular && plain.environment == 2);
+    assert!(!(plain.two_level || plain.alpha || plain.mirror || plain.punctual || plain.emitters || plain.thin_lens));
+    let mirror = Material { roughness: 0.0, double_sided: true, ..Material::default() };
+    let mirror = of(&triangle_with(mirror), &RenderParams::default());
+    assert!(mirror.mirror && !mirror.one_sided);
+    let unlit =
+        of(&triangle_with(Material { unlit: true, roughness: 0.0, ..Material::default() }), &RenderParams::default());
+    assert!(unlit.unlit && !unlit.specular && !unlit.mirror);
+    let direct = RenderParams { mode: Mode::Direct, ..RenderParams::default() };
+    let direct = of(&glowing(), &direct);
+    assert!(direct.punctual && !direct.emitters && direct.environment == 1);
+    assert!(of(&glowing(), &RenderParams::default()).emitters);
+}
