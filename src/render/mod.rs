@@ -1,6 +1,7 @@
 //! Engines: (CompiledScene, Lighting, View, Settings) -> Film, in slices.
 
 pub mod gpu;
+pub mod prepare;
 pub mod schedule;
 
 use crate::compile::{CompiledScene, Features, Lighting, View};
