@@ -53,7 +53,7 @@ pub fn run(arguments: &RenderArgs) -> Result<(), Failure> {
         return Err(Failure::Request("--json and --output - both want standard output: give a file to one".into()));
     }
     let (prepared, stages) = load(&arguments.scene, &request.params)?;
-    let mut engine = GpuEngine::new().map_err(failure)?;
+    let mut engine = GpuEngine::new().map_err(|error| failure(&error))?;
     let (bytes, report) = picture(&mut engine, prepared, stages, &request.params, arguments.quiet)?;
     write(&request.target, &bytes)?;
     tell(arguments, &request, &report)
@@ -69,7 +69,8 @@ fn load(scene: &str, params: &RenderParams) -> Result<(Prepared, Stages), Failur
         None => Package::from_path(Path::new(scene), &limits),
     };
     let faulty = |fault: String| Failure::Request(format!("{scene}: {fault}"));
-    let imported = package.and_then(|package| scene::import(&package, &limits)).map_err(|e| faulty(e.to_string()))?;
+    let imported = package.and_then(|package| scene::import(&package, &limits));
+    let imported = imported.map_err(|error| faulty(located(&error)))?;
     let hdri = hdri(params)?;
     stages.import = seconds(begun);
     let begun = Instant::now();
@@ -77,6 +78,11 @@ fn load(scene: &str, params: &RenderParams) -> Result<(Prepared, Stages), Failur
     let prepared = prepare(&imported, Arc::new(compiled), params, hdri).map_err(|e| faulty(e.to_string()))?;
     stages.compile = seconds(begun);
     Ok((prepared, stages))
+}
+
+/// What is wrong and where; faults of the file as a whole have no place.
+fn located(error: &scene::SceneError) -> String {
+    if error.pointer.is_empty() { error.detail.clone() } else { error.to_string() }
 }
 
 /// The picture that the environment names, which is a file here.
@@ -101,7 +107,7 @@ fn picture(
     let mut bar = Bar::new(work.settings, quiet);
     let rendered = render_to_end(engine, work, &mut |progress| bar.show(progress));
     bar.finish();
-    let rendered = rendered.map_err(failure)?;
+    let rendered = rendered.map_err(|error| failure(&error))?;
     stages.device_upload = rendered.device_upload.as_secs_f64();
     stages.trace = rendered.trace.as_secs_f64();
     let begun = Instant::now();
@@ -157,7 +163,7 @@ fn place(target: &Target) -> String {
     }
 }
 
-fn failure(error: RenderError) -> Failure {
+fn failure(error: &RenderError) -> Failure {
     match error {
         RenderError::TooLarge(_) => Failure::Request(error.to_string()),
         RenderError::DeviceLost(_) | RenderError::NoAdapter(_) => Failure::Machine(error.to_string()),

@@ -83,6 +83,10 @@ fn target(arguments: &RenderArgs, params: &mut RenderParams) -> Result<Target, F
             return Err(Failure::Request(format!("--output {path}: end the name in .png, .exr, .webp or .jpg")));
         }
     };
+    // Found out before the work, not after.
+    if path.parent().is_some_and(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+        return Err(Failure::Request(format!("--output {}: there is no such folder", path.display())));
+    }
     Ok(Target::File(path.clone()))
 }
 
@@ -118,11 +122,11 @@ mod tests {
     #[test]
     fn settings_go_over_params() {
         let json = r#"{"width": 100, "environment": {"hdri": "a.hdr", "intensity": 2}}"#;
-        let arguments = ["duck.glb", "--params", json, "--set", "width=64", "--hdri", "b.hdr", "-o", "x/duck.JPG"];
+        let arguments = ["duck.glb", "--params", json, "--set", "width=64", "--hdri", "b.hdr", "-o", "duck.JPG"];
         let request = parsed(&arguments).unwrap();
         assert_eq!(request.params.width, 64);
         assert_eq!(request.params.output.format, ImageFormat::Jpeg);
-        assert_eq!(request.target, Target::File("x/duck.JPG".into()));
+        assert_eq!(request.target, Target::File("duck.JPG".into()));
         let EnvironmentChoice::Given(environment) = request.params.environment else { panic!("no environment") };
         assert_eq!((environment.hdri.as_deref(), environment.intensity), (Some("b.hdr"), 2.0));
     }
@@ -144,6 +148,7 @@ mod tests {
             (["--params", "no such file"], "no such file"),
             (["--params", "{"], "not valid JSON"),
             (["--output", "x.gif"], ".png, .exr"),
+            (["--output", "no such folder/x.png"], "no such folder"),
         ] {
             let failure = parsed(&["a.glb", arguments[0], arguments[1]]).unwrap_err();
             assert_eq!(failure.exit_code(), 2);

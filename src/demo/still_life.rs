@@ -34,7 +34,7 @@ fn table(glb: &mut Glb) {
         let (depth, height) = spline(&[(-1.0, -0.06), (-1.7, -0.06), (-2.3, 0.2), (-2.6, 1.0), (-2.6, 6.0)], v);
         DVec3::new(16.0 * u - 8.0, height, depth)
     });
-    glb.show(&wall, surface([0.16, 0.19, 0.23], 0.0, 0.9));
+    glb.show(&wall, surface([0.30, 0.33, 0.38], 0.0, 0.9));
 }
 
 fn pottery(glb: &mut Glb) {
@@ -60,8 +60,9 @@ fn pottery(glb: &mut Glb) {
         (0.0, 0.03),
     ];
     let vase = Shape::lathe(160, 240, move |t| spline(&vase, t));
+    // Only the outside, up to v = 0.44, is seen.
     let glaze = glb.texture(&textures::png(512, |u, v| {
-        let drip = 0.34 + 0.05 * textures::noise(Vec2::new(u * 14.0, 2.0)) + 0.012 * (u * 44.0).sin();
+        let drip = 0.62 + 0.05 * textures::noise(Vec2::new(u * 14.0, 2.0)) + 0.012 * (u * 44.0).sin();
         if v < drip { [0.10, 0.34, 0.42, 1.0] } else { [0.88, 0.84, 0.77, 1.0] }
     }));
     glb.show(&vase.placed(Vec3::new(-0.62, 0.0, -0.12), [180.0, 0.0, 0.0], 1.0), textured(glaze, 0.0, 0.12));
@@ -109,8 +110,8 @@ fn lamps(glb: &mut Glb) {
     let still = Vec3::new(0.0, 0.2, 0.0);
     glb.show(&Shape::panel(Vec3::new(-2.2, 2.6, 1.9), still, 1.3, 1.3), lamp([1.0, 0.90, 0.78], 14.0));
     glb.show(&Shape::panel(Vec3::new(2.6, 1.3, -0.9), still, 0.4, 1.8), lamp([0.62, 0.80, 1.0], 12.0));
-    let glow = Shape::displaced_sphere(24, |_| 0.075).placed(Vec3::new(1.16, 0.075, 0.20), [0.0; 3], 1.0);
-    glb.show(&glow, lamp([1.0, 0.50, 0.16], 7.0));
+    let glow = Shape::displaced_sphere(24, |_| 0.075).placed(Vec3::new(1.06, 0.075, 0.24), [0.0; 3], 1.0);
+    glb.show(&glow, lamp([1.0, 0.50, 0.16], 3.5));
     let hoop = Shape::torus(0.20, 0.011, 96).placed(Vec3::new(0.36, 0.21, -0.42), [-18.0, 90.0, 0.0], 1.0);
-    glb.show(&hoop, lamp([0.12, 0.85, 0.75], 9.0));
+    glb.show(&hoop, lamp([0.10, 0.85, 0.75], 3.0));
 }

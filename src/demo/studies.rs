@@ -27,6 +27,7 @@ pub fn material_grid() -> Vec<u8> {
     glb.show(&Shape::panel(Vec3::new(-7.0, 6.0, 9.0), Vec3::ZERO, 5.0, 5.0), lamp([1.0, 0.97, 0.92], 11.0));
     glb.show(&Shape::panel(Vec3::new(10.0, 1.0, 7.0), Vec3::ZERO, 1.5, 9.0), lamp([0.85, 0.92, 1.0], 7.0));
     glb.show(&Shape::panel(Vec3::new(0.0, -9.0, 6.0), Vec3::ZERO, 16.0, 3.0), lamp([1.0; 3], 1.0));
+    glb.show(&Shape::panel(Vec3::new(0.0, 0.0, 26.0), Vec3::ZERO, 60.0, 40.0), lamp([1.0; 3], 0.35));
     glb.camera("front", Vec3::new(0.0, 0.0, 20.0), Vec3::ZERO, 21.5);
     glb.finish()
 }
@@ -110,7 +111,9 @@ pub fn surface_detail() -> Vec<u8> {
         Vec3::new(-0.5, -1.0, -0.6),
     );
     glb.show(&Shape::panel(Vec3::new(-4.0, 5.0, 5.0), Vec3::ZERO, 4.0, 2.0), lamp([0.8, 0.9, 1.0], 5.0));
-    glb.camera("front", Vec3::new(0.3, 1.5, 7.6), Vec3::new(0.3, 0.5, 0.0), 25.0);
+    let wall = Shape::patch(Vec3::new(-30.0, 0.0, -4.0), Vec3::X * 60.0, Vec3::Y * 12.0);
+    glb.show(&wall, surface([0.22, 0.25, 0.3], 0.0, 1.0));
+    glb.camera("front", Vec3::new(0.5, 1.5, 8.4), Vec3::new(0.5, 0.6, 0.0), 28.0);
     glb.finish()
 }
 
