@@ -2,7 +2,9 @@
 //!
 //! `http -> jobs -> render -> compile -> scene`, `film` below `render`, `params` a leaf.
 
+pub mod cli;
 pub mod compile;
+pub mod demo;
 pub mod film;
 pub mod params;
 pub mod render;

@@ -1,1 +1,5 @@
-fn main() {}
+//! Arguments -> subcommand; nothing else.
+
+fn main() -> std::process::ExitCode {
+    candela::cli::main()
+}

@@ -291,7 +291,7 @@ mod tests {
             let write = || {
                 let begun = Instant::now();
                 let file = encode(&picture, &params(8, false), format, &facts()).unwrap();
-                println!("{format:?}: {} bytes in {:?}", file.len(), begun.elapsed());
+                eprintln!("{format:?}: {} bytes in {:?}", file.len(), begun.elapsed());
                 file
             };
             assert_eq!(write(), write(), "{format:?}");

@@ -243,7 +243,7 @@ mod tests {
                     })
                     .count();
                 let share = held as f64 / trials as f64;
-                println!("{name} {size:?} x {samples}: {share}");
+                eprintln!("{name} {size:?} x {samples}: {share}");
                 assert!(share >= 0.95, "{name} noise, {size:?} pixels: the bound held in {share} of the renders");
             }
         }

@@ -8,8 +8,8 @@ const BRIGHTEST: f32 = 1e9;
 
 /// Display-linear colour, each channel 0 to 1, of an exposed scene-linear colour.
 pub fn tone_map(curve: ToneMapping, color: Vec3) -> Vec3 {
-    // f32::max also turns NaN into 0.
-    let color = Vec3::from(color.to_array().map(|c| c.max(0.0).min(BRIGHTEST)));
+    // Neither is NaN above 0.
+    let color = Vec3::from(color.to_array().map(|c| if c > 0.0 { c.min(BRIGHTEST) } else { 0.0 }));
     let mapped = match curve {
         ToneMapping::Linear => color,
         ToneMapping::Reinhard => color / (Vec3::ONE + color),

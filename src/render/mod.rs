@@ -1,6 +1,8 @@
 //! Engines: (CompiledScene, Lighting, View, Settings) -> Film, in slices.
 
 pub mod gpu;
+pub mod prepare;
+pub mod report;
 pub mod schedule;
 
 use crate::compile::{CompiledScene, Features, Lighting, View};
@@ -53,6 +55,17 @@ pub enum StopReason {
     TargetError,
     /// `deadline_ms` passed.
     Deadline,
+}
+
+impl StopReason {
+    /// As the JSON has it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::MaxSamples => "max_samples",
+            Self::TargetError => "target_error",
+            Self::Deadline => "deadline",
+        }
+    }
 }
 
 /// Samples that were dropped because they were not finite, by cause. A fault of the renderer: reported, never hidden.

@@ -1,0 +1,61 @@
+//! The command line: one file per subcommand.
+
+mod demo;
+mod progress;
+mod render;
+mod request;
+mod summary;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// A render server: POST a glTF, get a path-traced picture back, with its measured error.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Renders one picture, without a server.
+    Render(render::RenderArgs),
+    /// Writes one of the scenes that Candela makes itself.
+    Demo(demo::DemoArgs),
+}
+
+/// Why a command failed.
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    /// What was asked for is at fault: exit code 2.
+    #[error("{0}")]
+    Request(String),
+    /// The machine is at fault: exit code 1.
+    #[error("{0}")]
+    Machine(String),
+}
+
+impl Failure {
+    fn exit_code(&self) -> u8 {
+        match self {
+            Self::Request(_) => 2,
+            Self::Machine(_) => 1,
+        }
+    }
+}
+
+/// Does what the arguments of the process say. Exit code 2: they, the parameters or the scene are at fault; 1: the machine.
+pub fn main() -> ExitCode {
+    let done = match Cli::parse().command {
+        Command::Render(arguments) => render::run(&arguments),
+        Command::Demo(arguments) => demo::run(&arguments),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("candela: {failure}");
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! `candela render`.
+
+use super::progress::Bar;
+use super::request::{Request, Target, request};
+use super::summary::Summary;
+use super::{Failure, demo};
+use crate::compile::{self, Hdri};
+use crate::film;
+use crate::params::{EnvironmentChoice, RenderParams};
+use crate::render::gpu::GpuEngine;
+use crate::render::prepare::{Prepared, prepare, render_to_end};
+use crate::render::report::{Report, Stages};
+use crate::render::{Engine, RenderError};
+use crate::scene::{self, Package};
+use clap::Args;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What a scene begins with that Candela makes itself.
+pub const DEMO_PREFIX: &str = "demo:";
+
+/// Arguments of `candela render`.
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    /// A .glb, .gltf or .zip, or demo:NAME (`candela demo` lists the names).
+    pub scene: String,
+    /// Parameters as of `POST /v1/jobs`: a file of JSON, or JSON itself.
+    #[arg(short, long, value_name = "FILE|JSON")]
+    pub params: Option<String>,
+    /// A parameter by name, over those of --params: `width=640`, `camera.yfov_degrees=30`. May be repeated.
+    #[arg(short, long, value_name = "NAME=VALUE")]
+    pub set: Vec<String>,
+    /// Picture to write (.png, .exr, .webp, .jpg), or - for standard output; by default named after the scene.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Environment picture (.hdr, .exr): the same as `environment.hdri`.
+    #[arg(long, value_name = "FILE")]
+    pub hdri: Option<PathBuf>,
+    /// Prints the report as JSON on standard output.
+    #[arg(long)]
+    pub json: bool,
+    /// No progress bar and no summary.
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// Renders one picture on the best device of this machine.
+pub fn run(arguments: &RenderArgs) -> Result<(), Failure> {
+    let request = request(arguments)?;
+    if arguments.json && request.target == Target::Stdout {
+        return Err(Failure::Request("--json and --output - both want standard output: give a file to one".into()));
+    }
+    let (prepared, stages) = load(&arguments.scene, &request.params)?;
+    let mut engine = GpuEngine::new().map_err(|error| failure(&error))?;
+    let (bytes, report) = picture(&mut engine, prepared, stages, &request.params, arguments.quiet)?;
+    write(&request.target, &bytes)?;
+    tell(arguments, &request, &report)
+}
+
+/// Scene and environment, read and compiled.
+fn load(scene: &str, params: &RenderParams) -> Result<(Prepared, Stages), Failure> {
+    let mut stages = Stages::default();
+    let begun = Instant::now();
+    let limits = scene::Limits::default();
+    let package = match scene.strip_prefix(DEMO_PREFIX) {
+        Some(name) => Package::from_bytes(demo::make(name)?, &limits),
+        None => Package::from_path(Path::new(scene), &limits),
+    };
+    let faulty = |fault: String| Failure::Request(format!("{scene}: {fault}"));
+    let imported = package.and_then(|package| scene::import(&package, &limits));
+    let imported = imported.map_err(|error| faulty(located(&error)))?;
+    let hdri = hdri(params)?;
+    stages.import = seconds(begun);
+    let begun = Instant::now();
+    let compiled = compile::compile_scene(&imported, params.scene).map_err(|e| faulty(e.to_string()))?;
+    let prepared = prepare(&imported, Arc::new(compiled), params, hdri).map_err(|e| faulty(e.to_string()))?;
+    stages.compile = seconds(begun);
+    Ok((prepared, stages))
+}
+
+/// What is wrong and where; faults of the file as a whole have no place.
+fn located(error: &scene::SceneError) -> String {
+    if error.pointer.is_empty() { error.detail.clone() } else { error.to_string() }
+}
+
+/// The picture that the environment names, which is a file here.
+fn hdri(params: &RenderParams) -> Result<Option<Arc<Hdri>>, Failure> {
+    let EnvironmentChoice::Given(environment) = &params.environment else { return Ok(None) };
+    let Some(file) = &environment.hdri else { return Ok(None) };
+    let faulty = |fault: String| Failure::Request(format!("environment {file}: {fault}"));
+    let bytes = std::fs::read(file).map_err(|error| faulty(error.to_string()))?;
+    compile::decode_hdri(&bytes).map(|hdri| Some(Arc::new(hdri))).map_err(|error| faulty(error.to_string()))
+}
+
+/// Traces and encodes.
+fn picture(
+    engine: &mut dyn Engine,
+    prepared: Prepared,
+    mut stages: Stages,
+    params: &RenderParams,
+    quiet: bool,
+) -> Result<(Vec<u8>, Report), Failure> {
+    let Prepared { work, defaults, biases, warnings } = prepared;
+    let scene = work.scene.stats.clone();
+    let mut bar = Bar::new(work.settings, quiet);
+    let rendered = render_to_end(engine, work, &mut |progress| bar.show(progress));
+    bar.finish();
+    let rendered = rendered.map_err(|error| failure(&error))?;
+    stages.device_upload = rendered.device_upload.as_secs_f64();
+    stages.trace = rendered.trace.as_secs_f64();
+    let begun = Instant::now();
+    let error = rendered.film.error();
+    let mut report = Report {
+        samples: rendered.film.samples(),
+        error: error.map(|error| error.relative_rms),
+        error_bound_95: error.map(|error| error.upper_bound_95),
+        seed: params.seed,
+        engine: "gpu",
+        device: engine.device().clone(),
+        stop_reason: rendered.reason,
+        seconds: stages,
+        biases,
+        defaults,
+        warnings,
+        non_finite: rendered.non_finite,
+        scene,
+    };
+    let bytes = film::encode(&rendered.film.picture(), params, params.output.format, &report.facts());
+    report.seconds.encode = seconds(begun);
+    bytes.map(|bytes| (bytes, report)).map_err(|error| match error {
+        film::EncodeError::Unsupported(_) => Failure::Request(error.to_string()),
+        film::EncodeError::Failed(_) => Failure::Machine(error.to_string()),
+    })
+}
+
+fn write(target: &Target, bytes: &[u8]) -> Result<(), Failure> {
+    let written = match target {
+        Target::File(path) => std::fs::write(path, bytes),
+        Target::Stdout => std::io::stdout().write_all(bytes),
+    };
+    written.map_err(|error| Failure::Machine(format!("cannot write {}: {error}", place(target))))
+}
+
+fn tell(arguments: &RenderArgs, request: &Request, report: &Report) -> Result<(), Failure> {
+    if !arguments.quiet {
+        eprint!("{}", Summary { place: &place(&request.target), params: &request.params, report });
+    }
+    if arguments.json {
+        let printed = serde_json::to_writer_pretty(std::io::stdout(), report).map_err(std::io::Error::from);
+        printed
+            .and_then(|()| writeln!(std::io::stdout()))
+            .map_err(|error| Failure::Machine(format!("cannot print the report: {error}")))?;
+    }
+    Ok(())
+}
+
+fn place(target: &Target) -> String {
+    match target {
+        Target::File(path) => path.display().to_string(),
+        Target::Stdout => "standard output".to_owned(),
+    }
+}
+
+fn failure(error: &RenderError) -> Failure {
+    match error {
+        RenderError::TooLarge(_) => Failure::Request(error.to_string()),
+        RenderError::DeviceLost(_) | RenderError::NoAdapter(_) => Failure::Machine(error.to_string()),
+    }
+}
+
+fn seconds(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64()
+}

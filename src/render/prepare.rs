@@ -1,0 +1,107 @@
+//! The one way from a scene and a request to [`Work`], and from [`Work`] to a film where nothing else wants the device.
+
+use super::{Engine, NonFinite, RenderError, Settings, StopReason, Work};
+use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Hdri};
+use crate::film::Film;
+use crate::params::RenderParams;
+use crate::scene::{Scene, Warning};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Work, and what the reply must say about it.
+#[derive(Debug, Clone)]
+pub struct Prepared {
+    /// For an engine.
+    pub work: Work,
+    /// What the request left open, and what was taken.
+    pub defaults: Vec<DefaultTaken>,
+    /// What the request trades truth for.
+    pub biases: Vec<String>,
+    /// What the picture lacks or had to guess.
+    pub warnings: Vec<Warning>,
+}
+
+/// Adds the light and the camera of a request to a scene.
+///
+/// `compiled` is what [`compile::compile_scene`] made of `scene` and `params.scene`; `hdri` is the picture that
+/// `params.environment` names. `params` have been validated.
+///
+/// # Errors
+/// [`CompileError`] if the parameters name what the scene does not have.
+pub fn prepare(
+    scene: &Scene,
+    compiled: Arc<CompiledScene>,
+    params: &RenderParams,
+    hdri: Option<Arc<Hdri>>,
+) -> Result<Prepared, CompileError> {
+    let (view, mut defaults) = compile::view(scene, &compiled, params)?;
+    let (lighting, defaults_of_light) = compile::light(scene, &compiled, params, hdri)?;
+    defaults.extend(defaults_of_light);
+    let features = compile::features(&compiled, &lighting, &view, params);
+    let work = Work { scene: compiled, lighting: Arc::new(lighting), view, features, settings: Settings::from(params) };
+    Ok(Prepared { work, defaults, biases: params.biases(), warnings: scene.warnings.clone() })
+}
+
+impl From<&RenderParams> for Settings {
+    fn from(params: &RenderParams) -> Self {
+        Self {
+            mode: params.mode,
+            max_bounces: params.max_bounces,
+            multiple_scattering: params.multiple_scattering,
+            seed: params.seed,
+            max_samples: params.max_samples,
+            target_error: params.target_error,
+            deadline: params.deadline_ms.map(Duration::from_millis),
+        }
+    }
+}
+
+/// A render that has ended.
+#[derive(Debug)]
+pub struct Rendered {
+    /// Its samples.
+    pub film: Film,
+    /// Why it ended.
+    pub reason: StopReason,
+    /// Dropped samples.
+    pub non_finite: NonFinite,
+    /// Upload and pipelines.
+    pub device_upload: Duration,
+    /// Tracing.
+    pub trace: Duration,
+}
+
+/// A render under way.
+#[derive(Debug, Clone, Copy)]
+pub struct Progress<'a> {
+    /// Part of `max_samples` done, 0 to 1.
+    pub fraction: f64,
+    /// The samples so far, in whole passes.
+    pub film: &'a Film,
+    /// Time spent tracing.
+    pub elapsed: Duration,
+}
+
+/// Renders to the end, telling `progress` after each slice.
+///
+/// # Errors
+/// [`RenderError`] if the device cannot hold the scene or is lost.
+pub fn render_to_end(
+    engine: &mut dyn Engine,
+    work: Work,
+    progress: &mut dyn FnMut(Progress<'_>),
+) -> Result<Rendered, RenderError> {
+    let begun = Instant::now();
+    let mut render = engine.begin(work, None)?;
+    let device_upload = begun.elapsed();
+    let begun = Instant::now();
+    loop {
+        let ended = render.step()?;
+        let elapsed = begun.elapsed();
+        progress(Progress { fraction: render.progress(), film: render.film(), elapsed });
+        if let Some(reason) = ended {
+            let non_finite = render.non_finite();
+            return Ok(Rendered { film: render.into_film(), reason, non_finite, device_upload, trace: elapsed });
+        }
+    }
+}
