@@ -3,6 +3,7 @@
 //! `http -> jobs -> render -> compile -> scene`, `film` below `render`, `params` a leaf.
 
 pub mod cli;
+pub mod bench;
 pub mod compile;
 pub mod demo;
 pub mod film;

@@ -12,7 +12,7 @@ mod resources;
 
 pub use albedo::{AlbedoTable, albedo_table};
 pub use device::Gpu;
-pub use pipeline::{PATHTRACE_WGSL, stack_size};
+pub use pipeline::PATHTRACE_WGSL;
 pub use render::GpuRender;
 
 use super::{DeviceInfo, Engine, Render, RenderError, Work};

@@ -11,7 +11,10 @@ use std::sync::Arc;
 pub const PATHTRACE_WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/pathtrace.wgsl"));
 
 /// Line of the source that each pipeline replaces by the stack it needs.
-const STACK_LINE: &str = "const STACK_SIZE: u32 = 32u;";
+const STACK_LINE: &str = "const STACK_SIZE: u32 = 1u;";
+
+/// Entries of the stack in registers, as in `shaders/lib/stack.wesl`.
+const REGISTERS: u32 = 12;
 
 /// What a pipeline is specialised by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -19,6 +22,7 @@ struct Variant {
     features: Features,
     direct: bool,
     multiple_scattering: bool,
+    /// Entries of the stack in memory; 1: it is in registers.
     stack: u32,
 }
 
@@ -52,7 +56,7 @@ impl Pipelines {
             features: work.features,
             direct: work.settings.mode == Mode::Direct,
             multiple_scattering: work.settings.multiple_scattering,
-            stack: stack_size(work.scene.depth, work.scene.two_level),
+            stack: stack_size(work.scene.depth, work.scene.two_level, gpu.info.hardware),
         };
         if let Some(pipeline) = self.made.get(&variant) {
             return Arc::clone(pipeline);
@@ -74,10 +78,11 @@ impl Pipelines {
     }
 }
 
-/// Entries that the traversal stack needs: one group of siblings per level, and the instances left of a leaf.
-/// Rounded up, so that few sources are compiled.
-pub fn stack_size(depth: u32, two_level: bool) -> u32 {
-    (depth + u32::from(two_level) + 1).next_multiple_of(8)
+/// Entries of the stack in memory: one group of siblings per level, and the instances left of a leaf; rounded up, so
+/// that few sources are compiled. On a software device a shallow tree's stack is in registers (docs/benchmarks.md).
+fn stack_size(depth: u32, two_level: bool, hardware: bool) -> u32 {
+    let needed = depth + u32::from(two_level) + 1;
+    if !hardware && needed <= REGISTERS { 1 } else { needed.next_multiple_of(8) }
 }
 
 fn compile_module(gpu: &Gpu, stack: u32) -> wgpu::ShaderModule {
@@ -90,7 +95,7 @@ fn compile_module(gpu: &Gpu, stack: u32) -> wgpu::ShaderModule {
 }
 
 /// Values of the override constants of `shaders/lib/features.wesl`.
-fn constants(variant: Variant) -> [(&'static str, f64); 19] {
+fn constants(variant: Variant) -> [(&'static str, f64); 20] {
     let f = variant.features;
     let flag = |value: bool| f64::from(u8::from(value));
     [
@@ -113,6 +118,7 @@ fn constants(variant: Variant) -> [(&'static str, f64); 19] {
         ("ENVIRONMENT", f64::from(f.environment)),
         ("DIRECT", flag(variant.direct)),
         ("MULTIPLE_SCATTERING", flag(variant.multiple_scattering)),
+        ("STACK_IN_REGISTERS", flag(variant.stack == 1)),
     ]
 }
 
