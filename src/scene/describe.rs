@@ -15,7 +15,7 @@ pub struct Description {
     pub bounds: Option<Box3>,
     /// Counts.
     pub counts: Counts,
-    /// Cameras of the file, each with the places where the default scene puts it.
+    /// Cameras of the default scene in the order that a request's `camera.index` counts, the first 1000.
     pub cameras: Vec<CameraItem>,
     /// Lights of the file, each with the places where the default scene puts it.
     pub lights: Vec<LightItem>,
@@ -70,8 +70,11 @@ pub struct Counts {
     pub skins: usize,
 }
 
-/// Places that are listed of one camera or light.
+/// Places that are listed of one light.
 const MAX_POSES: usize = 16;
+
+/// Cameras that are listed.
+const MAX_CAMERAS: usize = 1000;
 
 /// Where a camera or a light stands: it looks or shines along `direction`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -86,18 +89,19 @@ pub struct Pose {
     pub up: [f64; 3],
 }
 
-/// A camera of the file.
+/// A node of the default scene that holds a camera.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CameraItem {
-    /// Index in the file.
+    /// What `camera.index` of a request calls it.
     pub index: usize,
-    /// Name in the file, or of the first node that places it.
+    /// Name of the camera in the file, else of its node.
     pub name: Option<String>,
     /// Lens.
     #[serde(flatten)]
     pub lens: Lens,
-    /// Its places, the first 16.
-    pub poses: Vec<Pose>,
+    /// Its place.
+    #[serde(flatten)]
+    pub pose: Pose,
 }
 
 /// Lens of a [`CameraItem`].
@@ -160,12 +164,7 @@ pub fn describe(scene: &Scene) -> Description {
         default_scene: scene.default_scene.unwrap_or(0),
         bounds: None,
         counts: counts(scene),
-        cameras: items(&scene.cameras, |index, camera| CameraItem {
-            index,
-            name: camera.name.clone(),
-            lens: lens(camera.projection),
-            poses: Vec::new(),
-        }),
+        cameras: Vec::new(),
         lights: items(&scene.lights, |index, light| LightItem {
             index,
             name: light.name.clone(),
@@ -242,13 +241,23 @@ fn place(scene: &Scene, description: &mut Description) {
                 (min, max) = (min.min(corner), max.max(corner));
             }
         }
-        if let Some(item) = node.camera.and_then(|camera| description.cameras.get_mut(camera)) {
-            item.name = item.name.take().or_else(|| node.name.clone());
-            add_pose(&mut item.poses, index, &world);
+        if let Some(camera) = node.camera.and_then(|camera| scene.cameras.get(camera)) {
+            let name = camera.name.clone().or_else(|| node.name.clone());
+            let item = CameraItem {
+                index: description.cameras.len(),
+                name,
+                lens: lens(camera.projection),
+                pose: pose(index, &world),
+            };
+            if item.index < MAX_CAMERAS {
+                description.cameras.push(item);
+            }
         }
         if let Some(item) = node.light.and_then(|light| description.lights.get_mut(light)) {
             item.name = item.name.take().or_else(|| node.name.clone());
-            add_pose(&mut item.poses, index, &world);
+            if item.poses.len() < MAX_POSES {
+                item.poses.push(pose(index, &world));
+            }
         }
     }
     description.bounds = (min.cmple(max).all()).then(|| Box3 { min: min.to_array(), max: max.to_array() });
@@ -281,14 +290,12 @@ fn extent(mesh: &super::Mesh) -> Extent {
     extent
 }
 
-fn add_pose(poses: &mut Vec<Pose>, node: usize, world: &DAffine3) {
-    if poses.len() < MAX_POSES {
-        poses.push(Pose {
-            node,
-            position: world.translation.to_array(),
-            direction: world.transform_vector3(DVec3::NEG_Z).normalize_or_zero().to_array(),
-            up: world.transform_vector3(DVec3::Y).normalize_or_zero().to_array(),
-        });
+fn pose(node: usize, world: &DAffine3) -> Pose {
+    Pose {
+        node,
+        position: world.translation.to_array(),
+        direction: world.transform_vector3(DVec3::NEG_Z).normalize_or_zero().to_array(),
+        up: world.transform_vector3(DVec3::Y).normalize_or_zero().to_array(),
     }
 }
 
@@ -314,12 +321,11 @@ mod tests {
         assert_eq!(description.bounds, Some(Box3 { min: [10.0, 0.0, 0.0], max: [12.0, 2.0, 0.0] }));
         assert_eq!((description.counts.triangles, description.counts.instanced_triangles), (1, 2));
         let json = serde_json::to_value(&description).unwrap();
-        assert_eq!(json["cameras"][0]["name"], "eye");
-        assert_eq!(json["cameras"][0]["type"], "perspective");
-        assert_eq!(
-            json["cameras"][0]["poses"][0],
-            json!({"node": 2, "position": [10.0, 0.0, 0.0], "direction": [0.0, 0.0, -1.0], "up": [0.0, 1.0, 0.0]})
-        );
+        let camera = json!({
+            "index": 0, "name": "eye", "type": "perspective", "yfov_degrees": 90.0,
+            "node": 2, "position": [10.0, 0.0, 0.0], "direction": [0.0, 0.0, -1.0], "up": [0.0, 1.0, 0.0]
+        });
+        assert_eq!(json["cameras"], json!([camera]));
         assert_eq!(json["materials"][0]["alpha_mode"], "blend");
         assert_eq!(json["scenes"][1]["name"], "main");
     }
