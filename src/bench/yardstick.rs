@@ -19,12 +19,12 @@ pub struct Yardstick {
 pub struct Pinhole {
     /// Eye point; it looks at the origin, up is +y.
     pub eye: Vec3,
-    /// Tangent of half the vertical field of view.
-    pub tan_half_yfov: f32,
+    /// Vertical field of view.
+    pub yfov_degrees: f32,
 }
 
 impl Yardstick {
-    /// Builds the tree with the preset that the compute tracer uses.
+    /// Builds the tree as the crate does it, medium preset.
     pub fn new(positions: &[Vec3], indices: &[[u32; 3]]) -> Self {
         let corner = |i: u32| Vec3A::from(positions[i as usize]);
         let triangles: Vec<Triangle> =
@@ -41,12 +41,13 @@ impl Yardstick {
         let forward = -camera.eye.normalize();
         let right = forward.cross(Vec3::Y).normalize();
         let up = right.cross(forward);
+        let scale = (0.5 * camera.yfov_degrees.to_radians()).tan();
         let row = |y: u32| -> f64 {
             (0..side)
                 .map(|x| {
                     let mut random = Random::new(y * side + x, seed);
-                    let px = ((x as f32 + random.next()) / side as f32 * 2.0 - 1.0) * camera.tan_half_yfov;
-                    let py = (1.0 - (y as f32 + random.next()) / side as f32 * 2.0) * camera.tan_half_yfov;
+                    let px = ((x as f32 + random.next()) / side as f32 * 2.0 - 1.0) * scale;
+                    let py = (1.0 - (y as f32 + random.next()) / side as f32 * 2.0) * scale;
                     let direction = (forward + px * right + py * up).normalize();
                     f64::from(self.path(camera.eye, direction, albedo, segments, &mut random))
                 })

@@ -166,6 +166,73 @@ fn filter_table(kind: FilterKind) -> [f32; FILTER_STEPS] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::compile::{Instance, LightPick, Material, PunctualLight, TextureSlot, Triangle};
+    use std::mem::offset_of;
+
+    /// Compares the offsets of the named fields, and the size, with those of the WGSL struct of the same name.
+    macro_rules! assert_mirrors {
+        ($module:expr, $name:ident { $($field:ident $(= $shader:literal)?),* $(,)? }) => {
+            let (members, size) = reflected($module, stringify!($name));
+            $(
+                let shader = [$($shader,)? stringify!($field)][0];
+                let offset = members.iter().find(|(name, _)| name == shader).map(|(_, offset)| *offset as usize);
+                assert_eq!(offset, Some(offset_of!($name, $field)), "{}.{}", stringify!($name), shader);
+            )*
+            assert_eq!(size as usize, size_of::<$name>(), "size of {}", stringify!($name));
+        };
+    }
+
+    fn module() -> naga::Module {
+        naga::front::wgsl::parse_str(crate::render::gpu::PATHTRACE_WGSL).expect("WGSL that parses")
+    }
+
+    fn reflected(module: &naga::Module, name: &str) -> (Vec<(String, u32)>, u32) {
+        let (_, ty) = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name)).expect(name);
+        let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{name} is no struct") };
+        (members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset)).collect(), *span)
+    }
+
+    #[test]
+    fn structs_lie_as_in_the_shader() {
+        let module = &module();
+        assert_mirrors!(module, Frame {
+            camera, width, height, tan_half_yfov, aperture_radius, focus_distance, ymag, filter_radius, transparent,
+            seed, max_bounces, light_count, pick_count, vertices, vertex_stride, vertex_normal, vertex_tangent,
+            vertex_color, vertex_uv0, vertex_uv1, environment_probability, environment_top, environment_intensity,
+            environment_horizon, environment_cos, environment_bottom, environment_sin, ambient, environment_visible,
+            filter_table,
+        });
+        assert_mirrors!(module, Slice {
+            first_tile, tile_count, first_sample, sample_count, replicate, tile_stride, tiles_across, tiles,
+        });
+        assert_mirrors!(module, Triangle { v0, material, v1, light, v2, primitive });
+        assert_mirrors!(module, Instance { to_world, to_object, root, first_triangle, light_base, flags });
+        assert_mirrors!(module, TextureSlot { row_u, info, row_v, corner, size });
+        assert_mirrors!(module, Material {
+            base_color, emissive, roughness, metallic, normal_scale, alpha_cutoff, flags, base_color_texture,
+            emissive_texture, metallic_roughness_texture, normal_texture,
+        });
+        assert_mirrors!(module, PunctualLight { position, kind, direction, range, intensity, inner, outer });
+        assert_mirrors!(module, LightPick { keep, alias = "alternative", probability, area, index, triangle });
+    }
+
+    #[test]
+    fn constants_are_those_of_the_shader() {
+        let module = &module();
+        let value = |name: &str| {
+            let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name)).expect(name);
+            match module.global_expressions[constant.init] {
+                naga::Expression::Literal(naga::Literal::U32(value)) => value,
+                ref other => panic!("{name} is {other:?}"),
+            }
+        };
+        assert_eq!(value("NONE"), crate::compile::NONE);
+        assert_eq!(value("ALPHA_BIT"), Triangle::ALPHA);
+        assert_eq!(value("DOUBLE_SIDED"), Material::DOUBLE_SIDED);
+        assert_eq!(value("UNLIT_BIT"), Material::UNLIT);
+        assert_eq!(value("DIRECTIONAL"), crate::compile::PunctualKind::Directional as u32);
+        assert_eq!(value("SPOT"), crate::compile::PunctualKind::Spot as u32);
+    }
 
     #[test]
     fn box_filter_is_uniform() {

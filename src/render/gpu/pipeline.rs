@@ -86,7 +86,6 @@ fn stack_size(depth: u32, two_level: bool, hardware: bool) -> u32 {
 }
 
 fn compile_module(gpu: &Gpu, stack: u32) -> wgpu::ShaderModule {
-    debug_assert!(PATHTRACE_WGSL.contains(STACK_LINE), "the shader's stack has another name now");
     let source = PATHTRACE_WGSL.replace(STACK_LINE, &format!("const STACK_SIZE: u32 = {stack}u;"));
     gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("pathtrace"),
@@ -146,4 +145,29 @@ fn bindings() -> [wgpu::BindGroupLayoutEntry; 16] {
         binding += 1;
         entry
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn every_override_is_set() {
+        let module = naga::front::wgsl::parse_str(PATHTRACE_WGSL).expect("WGSL that parses");
+        let declared: BTreeSet<&str> = module.overrides.iter().filter_map(|(_, o)| o.name.as_deref()).collect();
+        let variant =
+            Variant { features: Features::default(), direct: false, multiple_scattering: true, stack: 1 };
+        let set: BTreeSet<&str> = constants(variant).iter().map(|(name, _)| *name).collect();
+        assert_eq!(declared, set);
+    }
+
+    #[test]
+    fn shader_validates_and_its_stack_can_be_sized() {
+        assert!(PATHTRACE_WGSL.contains(STACK_LINE), "no line {STACK_LINE}");
+        let module = naga::front::wgsl::parse_str(PATHTRACE_WGSL).expect("WGSL that parses");
+        let mut validator =
+            naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::default());
+        validator.validate(&module).expect("valid WGSL");
+    }
 }
