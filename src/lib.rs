@@ -2,8 +2,8 @@
 //!
 //! `http -> jobs -> render -> compile -> scene`, `film` below `render`, `params` a leaf.
 
-pub mod cli;
 pub mod bench;
+pub mod cli;
 pub mod compile;
 pub mod demo;
 pub mod film;

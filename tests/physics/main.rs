@@ -1,4 +1,5 @@
-//! Pictures against closed form, on the real shaders.
+//! Pictures against closed form or an independent f64 computation, on the real shaders.
 
 mod closed_form;
+mod invariance;
 mod support;

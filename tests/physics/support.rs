@@ -1,14 +1,14 @@
 //! Small scenes built in place, and a render to the end.
 
-use candela::compile::{self, CompiledScene};
-use candela::film::Film;
+use candela::compile::{self, Hdri};
+use candela::film::Picture;
 use candela::params::RenderParams;
 use candela::render::gpu::GpuEngine;
-use candela::render::{Engine, Settings, Work};
+use candela::render::prepare::{prepare, render_to_end};
+use candela::render::{NonFinite, Work};
 use candela::scene::{Material, Mesh, Node, Primitive, Scene, SceneRoot};
-use glam::{DAffine3, Vec3};
+use glam::{DAffine3, Vec3, Vec4};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
-use std::time::Duration;
 
 /// The one engine of this test binary; tests take turns.
 pub fn engine() -> MutexGuard<'static, GpuEngine> {
@@ -32,6 +32,11 @@ pub fn scene(parts: Vec<(Primitive, Material, DAffine3)>) -> Scene {
     }
     scene.scenes.push(root);
     scene
+}
+
+/// A grey dielectric or metal.
+pub fn grey(albedo: f32, roughness: f32, metallic: f32) -> Material {
+    Material { base_color: Vec4::new(albedo, albedo, albedo, 1.0), roughness, metallic, ..Material::default() }
 }
 
 /// A square of half side `half` in the plane y = 0, seen from above.
@@ -72,35 +77,38 @@ pub fn sphere(rings: u32) -> Primitive {
 }
 
 /// The work of a request, as the server would make it.
-pub fn prepare(scene: &Scene, params: &RenderParams) -> Work {
-    let compiled = compile::compile_scene(scene, params.scene).expect("a scene that compiles");
-    prepare_compiled(scene, compiled, params)
+pub fn work(scene: &Scene, params: &RenderParams) -> Work {
+    work_with_hdri(scene, params, None)
 }
 
-/// The same with a compiled scene that the test has altered.
-pub fn prepare_compiled(scene: &Scene, compiled: CompiledScene, params: &RenderParams) -> Work {
-    let (lighting, _) = compile::light(scene, &compiled, params, None).expect("light");
-    let (view, _) = compile::view(scene, &compiled, params).expect("a view");
-    let features = compile::features(&compiled, &lighting, &view, params);
-    let settings = Settings {
-        mode: params.mode,
-        max_bounces: params.max_bounces,
-        multiple_scattering: params.multiple_scattering,
-        seed: params.seed,
-        max_samples: params.max_samples,
-        target_error: params.target_error,
-        deadline: params.deadline_ms.map(Duration::from_millis),
-    };
-    Work { scene: Arc::new(compiled), lighting: Arc::new(lighting), view, features, settings }
+/// The same under an HDRI.
+pub fn work_with_hdri(scene: &Scene, params: &RenderParams, hdri: Option<Arc<Hdri>>) -> Work {
+    let compiled = Arc::new(compile::compile_scene(scene, params.scene).expect("a scene that compiles"));
+    prepare(scene, compiled, params, hdri).expect("parameters that fit the scene").work
+}
+
+/// Only the Lambert lobe: many closed forms know no other.
+pub fn lambert(mut work: Work) -> Work {
+    work.features.specular = false;
+    work
 }
 
 /// Renders to the end.
-pub fn render(work: Work) -> Film {
-    let mut engine = engine();
-    let mut render = engine.begin(work, None).expect("a render");
-    while render.step().expect("a slice").is_none() {}
-    assert_eq!(render.non_finite(), candela::render::NonFinite::default(), "non-finite samples");
-    render.into_film()
+pub fn render(work: Work) -> Picture {
+    let rendered = render_to_end(&mut *engine(), work, &mut |_| {}).expect("a render");
+    assert_eq!(rendered.non_finite, NonFinite::default(), "non-finite samples");
+    rendered.film.picture()
+}
+
+/// Mean of a channel over the picture.
+pub fn mean(picture: &Picture, channel: usize) -> f64 {
+    picture.pixels.iter().map(|p| f64::from(p[channel])).sum::<f64>() / picture.pixels.len() as f64
+}
+
+/// Asserts a relative difference of at most `tolerance`.
+#[track_caller]
+pub fn assert_near(got: f64, expected: f64, tolerance: f64) {
+    assert!((got - expected).abs() <= tolerance * expected.abs(), "{got} for {expected}, tolerance {tolerance}");
 }
 
 /// Parameters from JSON, over those that suit tests: a small square picture, box filter, no environment.

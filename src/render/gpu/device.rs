@@ -36,8 +36,8 @@ impl Gpu {
             required_limits: adapter.limits(),
             ..Default::default()
         };
-        let (device, queue) =
-            pollster::block_on(adapter.request_device(&descriptor)).map_err(|e| RenderError::NoAdapter(e.to_string()))?;
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
+            .map_err(|e| RenderError::NoAdapter(e.to_string()))?;
         let fault = Arc::new(Mutex::new(None));
         watch(&device, &fault);
         Ok(Self { device, queue, info: describe(&info), fault })

@@ -108,7 +108,8 @@ impl Frame {
         self.pick_count = lighting.picks.len() as u32;
         // A sky without detail is found by the surface's own sampling; only an HDRI is sampled on purpose.
         if matches!(environment.kind, EnvironmentKind::Hdri(_)) {
-            self.environment_probability = if lighting.picks.is_empty() { 1.0 } else { lighting.environment_probability };
+            self.environment_probability =
+                if lighting.picks.is_empty() { 1.0 } else { lighting.environment_probability };
         }
         match &environment.kind {
             EnvironmentKind::None | EnvironmentKind::Hdri(_) => {}
@@ -162,7 +163,6 @@ fn filter_table(kind: FilterKind) -> [f32; FILTER_STEPS] {
     })
 }
 
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -195,23 +195,64 @@ mod tests {
     #[test]
     fn structs_lie_as_in_the_shader() {
         let module = &module();
-        assert_mirrors!(module, Frame {
-            camera, width, height, tan_half_yfov, aperture_radius, focus_distance, ymag, filter_radius, transparent,
-            seed, max_bounces, light_count, pick_count, vertices, vertex_stride, vertex_normal, vertex_tangent,
-            vertex_color, vertex_uv0, vertex_uv1, environment_probability, environment_top, environment_intensity,
-            environment_horizon, environment_cos, environment_bottom, environment_sin, ambient, environment_visible,
-            filter_table,
-        });
-        assert_mirrors!(module, Slice {
-            first_tile, tile_count, first_sample, sample_count, replicate, tile_stride, tiles_across, tiles,
-        });
+        assert_mirrors!(
+            module,
+            Frame {
+                camera,
+                width,
+                height,
+                tan_half_yfov,
+                aperture_radius,
+                focus_distance,
+                ymag,
+                filter_radius,
+                transparent,
+                seed,
+                max_bounces,
+                light_count,
+                pick_count,
+                vertices,
+                vertex_stride,
+                vertex_normal,
+                vertex_tangent,
+                vertex_color,
+                vertex_uv0,
+                vertex_uv1,
+                environment_probability,
+                environment_top,
+                environment_intensity,
+                environment_horizon,
+                environment_cos,
+                environment_bottom,
+                environment_sin,
+                ambient,
+                environment_visible,
+                filter_table,
+            }
+        );
+        assert_mirrors!(
+            module,
+            Slice { first_tile, tile_count, first_sample, sample_count, replicate, tile_stride, tiles_across, tiles }
+        );
         assert_mirrors!(module, Triangle { v0, material, v1, light, v2, primitive });
         assert_mirrors!(module, Instance { to_world, to_object, root, first_triangle, light_base, flags });
         assert_mirrors!(module, TextureSlot { row_u, info, row_v, corner, size });
-        assert_mirrors!(module, Material {
-            base_color, emissive, roughness, metallic, normal_scale, alpha_cutoff, flags, base_color_texture,
-            emissive_texture, metallic_roughness_texture, normal_texture,
-        });
+        assert_mirrors!(
+            module,
+            Material {
+                base_color,
+                emissive,
+                roughness,
+                metallic,
+                normal_scale,
+                alpha_cutoff,
+                flags,
+                base_color_texture,
+                emissive_texture,
+                metallic_roughness_texture,
+                normal_texture,
+            }
+        );
         assert_mirrors!(module, PunctualLight { position, kind, direction, range, intensity, inner, outer });
         assert_mirrors!(module, LightPick { keep, alias = "alternative", probability, area, index, triangle });
     }

@@ -55,7 +55,16 @@ impl Engine for GpuEngine {
         let pipeline = self.pipelines.get(&self.gpu, &work);
         let scene = self.resources.scene(&self.gpu, &work.scene)?;
         let environment = self.resources.environment(&self.gpu, &work.lighting.environment)?;
-        let render = GpuRender::new(&self.gpu, pipeline, &self.pipelines.layout, &self.resources, &scene, &environment, work, film)?;
+        let render = GpuRender::new(
+            &self.gpu,
+            pipeline,
+            &self.pipelines.layout,
+            &self.resources,
+            &scene,
+            &environment,
+            work,
+            film,
+        )?;
         self.gpu.fault()?;
         Ok(Box::new(render))
     }

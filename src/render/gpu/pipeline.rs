@@ -126,7 +126,8 @@ fn bindings() -> [wgpu::BindGroupLayoutEntry; 16] {
     let uniform = buffer(wgpu::BufferBindingType::Uniform);
     let read = buffer(wgpu::BufferBindingType::Storage { read_only: true });
     let write = buffer(wgpu::BufferBindingType::Storage { read_only: false });
-    let texture = |sample_type, view_dimension| wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false };
+    let texture =
+        |sample_type, view_dimension| wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false };
     let float = wgpu::TextureSampleType::Float { filterable: false };
     let pages = texture(float, wgpu::TextureViewDimension::D2Array);
     let table = texture(float, wgpu::TextureViewDimension::D2);
@@ -140,8 +141,7 @@ fn bindings() -> [wgpu::BindGroupLayoutEntry; 16] {
         [uniform, uniform, read, read, read, read, read, read, read, write, pages, pages, table, cells, table, film];
     let mut binding = 0;
     types.map(|ty| {
-        let entry =
-            wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };
+        let entry = wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };
         binding += 1;
         entry
     })
@@ -156,8 +156,7 @@ mod tests {
     fn every_override_is_set() {
         let module = naga::front::wgsl::parse_str(PATHTRACE_WGSL).expect("WGSL that parses");
         let declared: BTreeSet<&str> = module.overrides.iter().filter_map(|(_, o)| o.name.as_deref()).collect();
-        let variant =
-            Variant { features: Features::default(), direct: false, multiple_scattering: true, stack: 1 };
+        let variant = Variant { features: Features::default(), direct: false, multiple_scattering: true, stack: 1 };
         let set: BTreeSet<&str> = constants(variant).iter().map(|(name, _)| *name).collect();
         assert_eq!(declared, set);
     }

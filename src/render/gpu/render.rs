@@ -56,7 +56,10 @@ impl GpuRender {
         let (width, height) = (work.view.width, work.view.height);
         let limit = gpu.device.limits().max_texture_dimension_2d;
         if width > limit || height > limit {
-            return Err(RenderError::TooLarge(format!("a picture of {width} x {height}; {} takes {limit} a side", gpu.info.name)));
+            return Err(RenderError::TooLarge(format!(
+                "a picture of {width} x {height}; {} takes {limit} a side",
+                gpu.info.name
+            )));
         }
         let frame = uniform(gpu, "frame", bytemuck::bytes_of(&Frame::new(&work)));
         let slice = uniform(gpu, "slice", &[0; size_of::<Slice>()]);
@@ -91,8 +94,11 @@ impl GpuRender {
             binding += 1;
             entry
         });
-        let bindings =
-            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("pathtrace"), layout, entries: &entries });
+        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("pathtrace"),
+            layout,
+            entries: &entries,
+        });
         Ok(Self {
             gpu: Arc::clone(gpu),
             pipeline,
@@ -221,9 +227,8 @@ impl Render for GpuRender {
     }
 
     fn progress(&self) -> f64 {
-        let under_way = self.pass.map_or(0.0, |(pass, done)| {
-            f64::from(pass.samples) * f64::from(done) / f64::from(self.tiles().1)
-        });
+        let under_way =
+            self.pass.map_or(0.0, |(pass, done)| f64::from(pass.samples) * f64::from(done) / f64::from(self.tiles().1));
         (f64::from(self.film.samples()) + under_way) / f64::from(self.max_samples.max(1))
     }
 

@@ -102,7 +102,11 @@ fn upload_scene(gpu: &Gpu, scene: &CompiledScene) -> Result<GpuScene, RenderErro
     })
 }
 
-fn upload_pages(gpu: &Gpu, pages: &TexturePages, format: wgpu::TextureFormat) -> Result<wgpu::TextureView, RenderError> {
+fn upload_pages(
+    gpu: &Gpu,
+    pages: &TexturePages,
+    format: wgpu::TextureFormat,
+) -> Result<wgpu::TextureView, RenderError> {
     let limits = gpu.device.limits();
     let (side, layers) = (pages.page_size.max(1), pages.pages.len().max(1) as u32);
     if side > limits.max_texture_dimension_2d || layers > limits.max_texture_array_layers {
@@ -137,7 +141,13 @@ fn upload_environment(gpu: &Gpu, hdri: &Hdri) -> Result<GpuEnvironment, RenderEr
     })
 }
 
-fn texture(gpu: &Gpu, label: &str, size: (u32, u32, u32), format: wgpu::TextureFormat, bytes: &[u8]) -> wgpu::TextureView {
+fn texture(
+    gpu: &Gpu,
+    label: &str,
+    size: (u32, u32, u32),
+    format: wgpu::TextureFormat,
+    bytes: &[u8],
+) -> wgpu::TextureView {
     create_texture(gpu, label, size, format, bytes).create_view(&wgpu::TextureViewDescriptor::default())
 }
 
