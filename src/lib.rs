@@ -2,11 +2,14 @@
 //!
 //! `http -> jobs -> render -> compile -> scene`, `film` below `render`, `params` a leaf.
 
-pub mod cli;
 pub mod bench;
+pub mod cli;
 pub mod compile;
+pub mod config;
 pub mod demo;
 pub mod film;
+pub mod http;
+pub mod jobs;
 pub mod params;
 pub mod render;
 pub mod scene;
