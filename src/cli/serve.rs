@@ -6,6 +6,7 @@ use crate::http;
 use crate::jobs::Service;
 use crate::render::gpu::GpuEngine;
 use anyhow::Context;
+use std::io::IsTerminal;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tracing_subscriber::EnvFilter;
@@ -16,7 +17,8 @@ use tracing_subscriber::EnvFilter;
 /// No usable adapter, or the address cannot be listened on.
 pub fn run(config: ServeConfig) -> Result<(), Failure> {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("candela=info,warn"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let colours = std::io::stderr().is_terminal();
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours).init();
     run_to_end(config).map_err(|error| Failure::Machine(format!("{error:#}")))
 }
 

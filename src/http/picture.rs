@@ -2,9 +2,10 @@
 
 use super::accept::media_type;
 use crate::jobs::{Encoded, Job, Report};
-use axum::body::Body;
+use axum::body::{Body, Bytes};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use std::sync::Arc;
 
 /// Longest value of one fact; the whole list is in the job's JSON.
 const LONGEST: usize = 1000;
@@ -23,7 +24,7 @@ pub fn reply(job: &Job, file: &Encoded, request: &HeaderMap) -> Response {
         return (StatusCode::NOT_MODIFIED, headers).into_response();
     }
     set(&mut headers, header::CONTENT_TYPE, media_type(file.format));
-    (headers, Body::from(file.bytes.to_vec())).into_response()
+    (headers, Body::from(Bytes::from_owner(Arc::clone(&file.bytes)))).into_response()
 }
 
 fn facts(headers: &mut HeaderMap, report: &Report) {
