@@ -75,6 +75,8 @@ fn replies_have_the_shapes_that_are_promised() {
     let created = server.post("/v1/scenes", "model/gltf-binary", &triangle());
     check("post", "/v1/scenes", &created);
     let scene = created.json()["id"].as_str().expect("an id").to_owned();
+    let with_camera = crate::support::with_camera();
+    check("post", "/v1/scenes", &server.post("/v1/scenes", "model/gltf+json", with_camera.as_bytes()));
     check("get", "/v1/scenes", &server.get("/v1/scenes"));
     check("get", "/v1/scenes/{id}", &server.get(&format!("/v1/scenes/{scene}")));
     check("get", "/v1/scenes/{id}", &server.get("/v1/scenes/none"));

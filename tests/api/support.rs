@@ -223,6 +223,19 @@ pub fn triangle_text(uri: &str) -> String {
     document(&format!("{{\"byteLength\": 36, \"uri\": \"{uri}\"}}"))
 }
 
+/// A `.gltf` of a camera and a light alone.
+pub fn with_camera() -> String {
+    json!({
+        "asset": { "version": "2.0" },
+        "extensionsUsed": ["KHR_lights_punctual"],
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "camera": 0, "extensions": { "KHR_lights_punctual": { "light": 0 } } }],
+        "cameras": [{ "type": "perspective", "perspective": { "yfov": 0.7, "znear": 0.1 } }],
+        "extensions": { "KHR_lights_punctual": { "lights": [{ "type": "point" }] } },
+    })
+    .to_string()
+}
+
 /// The buffer of [`triangle_text`].
 pub fn vertices() -> Vec<u8> {
     let corners: [f32; 9] = [-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 0.0, 1.0, 0.0];
