@@ -5,8 +5,11 @@
 pub mod bench;
 pub mod cli;
 pub mod compile;
+pub mod config;
 pub mod demo;
 pub mod film;
+pub mod http;
+pub mod jobs;
 pub mod params;
 pub mod render;
 pub mod scene;

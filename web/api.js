@@ -41,7 +41,7 @@ export async function uploadScene(files) {
   for (const { file, path } of files) form.append("scene", file, path);
   const { id } = await answer("/v1/scenes", { method: "POST", body: form });
   const scene = await answer(`/v1/scenes/${id}`);
-  const cameras = scene.cameras.map((camera) => ({ ...camera, yfov: camera.lens.yfov_degrees ?? USUAL_YFOV }));
+  const cameras = scene.cameras.map((camera) => ({ ...camera, yfov: camera.yfov_degrees ?? USUAL_YFOV }));
   return { ...scene, cameras, bounds: scene.bounds ?? NO_BOUNDS };
 }
 

@@ -4,8 +4,10 @@ mod demo;
 mod progress;
 mod render;
 mod request;
+mod serve;
 mod summary;
 
+use crate::config::ServeConfig;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -19,6 +21,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Renders for clients over HTTP.
+    Serve(ServeConfig),
     /// Renders one picture, without a server.
     Render(render::RenderArgs),
     /// Writes one of the scenes that Candela makes itself.
@@ -48,6 +52,7 @@ impl Failure {
 /// Does what the arguments of the process say. Exit code 2: they, the parameters or the scene are at fault; 1: the machine.
 pub fn main() -> ExitCode {
     let done = match Cli::parse().command {
+        Command::Serve(config) => serve::run(config),
         Command::Render(arguments) => render::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
     };

@@ -1,0 +1,91 @@
+//! Which format of a picture a client wants, and the header `Prefer`.
+
+use crate::jobs::{Code, Problem};
+use crate::params::ImageFormat;
+use axum::http::{HeaderMap, header};
+use std::time::Duration;
+
+/// The formats, with their media types.
+const FORMATS: [(ImageFormat, &str); 4] = [
+    (ImageFormat::Png, "image/png"),
+    (ImageFormat::Exr, "image/x-exr"),
+    (ImageFormat::Webp, "image/webp"),
+    (ImageFormat::Jpeg, "image/jpeg"),
+];
+
+/// Media type of a format.
+pub fn media_type(format: ImageFormat) -> &'static str {
+    FORMATS.iter().find(|(known, _)| *known == format).map_or("application/octet-stream", |(_, name)| name)
+}
+
+/// The format that `Accept` likes best; `usual` where it leaves the choice (or is absent).
+pub fn picture_format(headers: &HeaderMap, usual: ImageFormat) -> Result<ImageFormat, Problem> {
+    let lines = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
+    let ranges: Vec<_> = lines.flat_map(|line| line.split(',')).filter_map(range).collect();
+    if ranges.is_empty() {
+        return Ok(usual);
+    }
+    let candidates = FORMATS.iter().map(|(format, name)| (*format, quality(&ranges, name)));
+    let best = candidates.clone().map(|(_, quality)| quality).fold(0.0, f32::max);
+    let mut liked = candidates.filter(|(_, quality)| best > 0.0 && *quality == best).map(|(format, _)| format);
+    let first = liked.clone().next();
+    let chosen = if liked.any(|format| format == usual) { Some(usual) } else { first };
+    chosen.ok_or_else(|| {
+        let detail = "this server makes image/png, image/x-exr, image/webp and image/jpeg; ask for one in `Accept`";
+        Problem::new(Code::NotAcceptable, detail)
+    })
+}
+
+/// A media range, in lower case, and its quality.
+fn range(text: &str) -> Option<(String, f32)> {
+    let mut parts = text.split(';').map(str::trim);
+    let name = parts.next().filter(|name| name.contains('/'))?.to_ascii_lowercase();
+    let quality = parts.find_map(|part| part.strip_prefix("q=")).map_or(Some(1.0), |q| q.parse().ok())?;
+    Some((name, quality))
+}
+
+/// Quality of a media type: that of the most exact range that covers it.
+fn quality(ranges: &[(String, f32)], name: &str) -> f32 {
+    let of = |wanted: &str| ranges.iter().find(|(range, _)| range == wanted).map(|(_, quality)| *quality);
+    of(name).or_else(|| of("image/*")).or_else(|| of("*/*")).unwrap_or(0.0)
+}
+
+/// `Prefer: wait=N` (RFC 7240), at most `longest`.
+pub fn wait(headers: &HeaderMap, longest: Duration) -> Option<Duration> {
+    let lines = headers.get_all("prefer").iter().filter_map(|value| value.to_str().ok());
+    let mut preferences = lines.flat_map(|line| line.split([',', ';'])).map(str::trim);
+    let seconds = preferences.find_map(|p| p.strip_prefix("wait=")?.trim_matches('"').parse().ok())?;
+    Some(Duration::from_secs(seconds).min(longest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn accept(value: &str) -> Result<ImageFormat, Problem> {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::ACCEPT, value.parse().unwrap());
+        picture_format(&headers, ImageFormat::Webp)
+    }
+
+    #[test]
+    fn the_best_liked_format_is_made() {
+        assert_eq!(accept("image/png"), Ok(ImageFormat::Png));
+        assert_eq!(accept("image/png;q=0.5, image/x-exr"), Ok(ImageFormat::Exr));
+        assert_eq!(accept("*/*"), Ok(ImageFormat::Webp));
+        assert_eq!(accept("text/html,image/*;q=0.8,*/*;q=0.1"), Ok(ImageFormat::Webp));
+        assert_eq!(accept("image/*, image/webp;q=0"), Ok(ImageFormat::Png));
+        assert_eq!(accept("text/html").unwrap_err().status, 406);
+        assert_eq!(picture_format(&HeaderMap::new(), ImageFormat::Exr), Ok(ImageFormat::Exr));
+    }
+
+    #[test]
+    fn waiting_is_bounded() {
+        let mut headers = HeaderMap::new();
+        assert_eq!(wait(&headers, Duration::from_secs(9)), None);
+        headers.insert("prefer", "respond-async, wait=30".parse().unwrap());
+        assert_eq!(wait(&headers, Duration::from_secs(9)), Some(Duration::from_secs(9)));
+        headers.insert("prefer", "wait=2".parse().unwrap());
+        assert_eq!(wait(&headers, Duration::from_secs(9)), Some(Duration::from_secs(2)));
+    }
+}

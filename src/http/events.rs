@@ -1,0 +1,69 @@
+//! `GET /v1/jobs/{id}/events`: the news of a job as Server-Sent Events.
+
+use super::App;
+use crate::jobs::{Event as News, EventLog, Job, Problem};
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{mpsc, watch};
+use tokio_stream::wrappers::ReceiverStream;
+
+/// Silence after which a comment keeps the connection open.
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
+/// Time in which a stream may still send its last event when the service is over.
+const LAST_WORDS: Duration = Duration::from_secs(1);
+
+type Sent = Result<Event, Infallible>;
+
+/// `GET /v1/jobs/{id}/events`: from the beginning, or after `Last-Event-ID`; ends with the job.
+/// 204 to those who have seen the last event: browsers then stop asking.
+pub async fn stream(State(app): State<App>, Path(id): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+    let job = app.service.job(&id)?;
+    let seen = headers.get("last-event-id").and_then(|value| value.to_str().ok()?.parse().ok()).unwrap_or(0);
+    if job.is_over() && job.events.after(seen).is_empty() {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let (sender, receiver) = mpsc::channel(1);
+    tokio::spawn(follow(job, seen, app.service.closed(), sender));
+    Ok(Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
+}
+
+/// Sends events until the last one, until nobody listens, or until the service is over.
+async fn follow(job: Arc<Job>, seen: u64, mut closed: watch::Receiver<bool>, sender: mpsc::Sender<Sent>) {
+    let _audience = job.events.join_audience();
+    let sending = send_all(&job.events, seen, &sender);
+    tokio::pin!(sending);
+    tokio::select! {
+        () = &mut sending => return,
+        () = sender.closed() => return,
+        _ = closed.wait_for(|closed| *closed) => {}
+    }
+    // By now all jobs are over, so that each log has its last event.
+    let _ = tokio::time::timeout(LAST_WORDS, sending).await;
+}
+
+async fn send_all(log: &EventLog, mut seen: u64, sender: &mpsc::Sender<Sent>) {
+    let mut newest = log.subscribe();
+    loop {
+        newest.mark_unchanged();
+        for event in log.after(seen) {
+            seen = event.id;
+            let sent = sender.send(Ok(on_the_wire(&event))).await.is_ok();
+            if event.kind.is_last() || !sent {
+                return;
+            }
+        }
+        if newest.changed().await.is_err() {
+            return;
+        }
+    }
+}
+
+fn on_the_wire(event: &News) -> Event {
+    Event::default().id(event.id.to_string()).event(event.kind.name()).data(event.data.to_string())
+}

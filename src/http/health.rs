@@ -1,0 +1,29 @@
+//! Whether the server lives, whether it takes work, and how much.
+
+use super::App;
+use crate::jobs::{Code, Problem};
+use axum::Json;
+use axum::extract::State;
+use serde_json::{Value, json};
+
+/// `GET /healthz`
+pub async fn alive() -> Json<Value> {
+    Json(json!({ "status": "ok" }))
+}
+
+/// `GET /readyz`: 503 while shutting down.
+pub async fn ready(State(app): State<App>) -> Result<Json<Value>, Problem> {
+    if app.service.is_draining() {
+        return Err(Problem::new(Code::ShuttingDown, "the server finishes its last jobs").retry_after(2));
+    }
+    Ok(Json(json!({ "status": "ready" })))
+}
+
+/// `GET /v1/limits`
+pub async fn limits(State(app): State<App>) -> Json<Value> {
+    let limits = app.service.limits();
+    let mut value = json!(limits);
+    value["scene"] = json!(limits.scene());
+    value["params"] = json!(limits.params());
+    Json(value)
+}

@@ -1,0 +1,52 @@
+//! A finished picture as a reply: the file, its facts as `Candela-*` headers, its hash as `ETag`.
+
+use super::accept::media_type;
+use crate::jobs::{Encoded, Job, Report};
+use axum::body::{Body, Bytes};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use std::sync::Arc;
+
+/// Longest value of one fact; the whole list is in the job's JSON.
+const LONGEST: usize = 1000;
+
+/// The file of a finished job, or 304 if the client has it.
+pub fn reply(job: &Job, file: &Encoded, request: &HeaderMap) -> Response {
+    let mut headers = HeaderMap::new();
+    if let Some(outcome) = job.outcome() {
+        facts(&mut headers, &outcome.report);
+    }
+    set(&mut headers, HeaderName::from_static("candela-job"), &job.id);
+    set(&mut headers, header::ETAG, &file.etag);
+    set(&mut headers, header::CACHE_CONTROL, "private, max-age=31536000, immutable");
+    set(&mut headers, header::VARY, "Accept");
+    if has_it(request, &file.etag) {
+        return (StatusCode::NOT_MODIFIED, headers).into_response();
+    }
+    set(&mut headers, header::CONTENT_TYPE, media_type(file.format));
+    (headers, Body::from(Bytes::from_owner(Arc::clone(&file.bytes)))).into_response()
+}
+
+fn facts(headers: &mut HeaderMap, report: &Report) {
+    let stages = ("Candela-Seconds".to_owned(), report.stage_line());
+    for (name, value) in report.facts().into_iter().chain([stages]) {
+        if let Ok(name) = HeaderName::try_from(name) {
+            set(headers, name, &value);
+        }
+    }
+}
+
+/// Sets a header; what is not plain ASCII (names in scenes and drivers) shows as `?`.
+fn set(headers: &mut HeaderMap, name: HeaderName, value: &str) {
+    let plain: String =
+        value.chars().take(LONGEST).map(|c| if c == ' ' || c.is_ascii_graphic() { c } else { '?' }).collect();
+    if let Ok(value) = HeaderValue::from_str(&plain) {
+        headers.insert(name, value);
+    }
+}
+
+/// Whether `If-None-Match` names this content.
+pub fn has_it(request: &HeaderMap, etag: &str) -> bool {
+    let lines = request.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
+    lines.flat_map(|line| line.split(',')).map(str::trim).any(|tag| tag == "*" || tag.trim_start_matches("W/") == etag)
+}

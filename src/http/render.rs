@@ -1,0 +1,65 @@
+//! `POST /v1/render`: upload, job and wait in one.
+
+use super::jobs::{Waiting, finished};
+use super::scenes::{RAW, some_file};
+use super::upload::{self, Kinds};
+use super::{App, accept};
+use crate::jobs::{Code, Order, Problem, Stages, StoredImage, hdri_name};
+use crate::params::{self, RenderParams};
+use axum::extract::{Query, Request, State};
+use axum::http::Uri;
+use axum::response::Response;
+use std::sync::Arc;
+use std::time::Instant;
+
+const KINDS: Kinds = Kinds {
+    raw: RAW,
+    file_field: "scene",
+    params: true,
+    hint: "send multipart/form-data with the file as `scene` and parameters as `params`, or the file itself as \
+           model/gltf-binary, model/gltf+json or application/zip with parameters in the query",
+};
+
+/// `POST /v1/render`
+pub async fn render(State(app): State<App>, request: Request) -> Result<Response, Problem> {
+    let begun = Instant::now();
+    let headers = request.headers().clone();
+    let query = request.uri().clone();
+    let mut upload = some_file(upload::read(&app, &KINDS, request).await?)?;
+    let params = read_params(upload.params.as_deref(), &query)?;
+    // A format that cannot be made is refused before the work, not after it.
+    accept::picture_format(&headers, params.output.format)?;
+    let uploaded = begun.elapsed().as_secs_f64();
+
+    let hdri = take_hdri(&app, &params, &mut upload.files).await?;
+    let importing = Instant::now();
+    let (scene, _) = app.service.add_scene(upload.files).await?;
+    let stages = Stages { upload: uploaded, import: importing.elapsed().as_secs_f64(), ..Stages::default() };
+
+    let job = app.service.submit(Order { scene, hdri, params, priority: 0, stages })?;
+    let waiting = Waiting { app, job };
+    waiting.job.finished().await;
+    finished(&waiting.app, &waiting.job, &headers).await
+}
+
+/// Parameters of the form's `params`, over which the query has precedence.
+fn read_params(form: Option<&str>, uri: &Uri) -> Result<RenderParams, Problem> {
+    let Query(pairs) = Query::<Vec<(String, String)>>::try_from_uri(uri)
+        .map_err(|error| Problem::new(Code::BadRequest, format!("the query cannot be read: {error}")))?;
+    let pairs = pairs.iter().map(|(name, value)| (name.as_str(), value.as_str()));
+    params::from_json_and_query(form.unwrap_or("{}"), pairs)
+        .map_err(|faults| Problem::fields(Code::InvalidParams, faults))
+}
+
+/// The picture that the environment names: a part of this form, else one that is kept.
+async fn take_hdri(
+    app: &App,
+    params: &RenderParams,
+    files: &mut Vec<(String, Vec<u8>)>,
+) -> Result<Option<Arc<StoredImage>>, Problem> {
+    let Some(name) = hdri_name(params) else { return Ok(None) };
+    let Some(place) = files.iter().position(|(file, _)| file == name) else { return app.service.stored_hdri(params) };
+    let (_, bytes) = files.remove(place);
+    let (image, _) = app.service.add_image(bytes, "/params/environment/hdri").await?;
+    Ok(Some(image))
+}

@@ -1,0 +1,166 @@
+//! Bodies of requests: bounded in bytes, in parts and in time.
+
+use super::App;
+use crate::jobs::{Code, Problem};
+use axum::body::Bytes;
+use axum::extract::multipart::{Field, Multipart, MultipartError};
+use axum::extract::{FromRequest, Request};
+use axum::http::{HeaderMap, StatusCode, header};
+use std::time::Duration;
+
+/// Bytes of a body that is JSON alone, and of a form's text fields.
+pub const TEXT_BYTES: usize = 1 << 20;
+
+/// Files of an upload, and what else the form says.
+#[derive(Debug, Default)]
+pub struct Upload {
+    /// Name and content of each file, in the form's order; a raw body has an empty name.
+    pub files: Vec<(String, Vec<u8>)>,
+    /// The field `params`.
+    pub params: Option<String>,
+}
+
+/// What a route reads besides multipart forms.
+pub struct Kinds {
+    /// Media types of a raw body.
+    pub raw: &'static [&'static str],
+    /// The form field whose file needs no name.
+    pub file_field: &'static str,
+    /// Whether the form may have a field `params`.
+    pub params: bool,
+    /// What to say to those who send something else.
+    pub hint: &'static str,
+}
+
+/// Reads a form or a raw file.
+pub async fn read(app: &App, kinds: &Kinds, request: Request) -> Result<Upload, Problem> {
+    let limits = app.service.limits();
+    check_length(request.headers(), limits.upload_bytes)?;
+    // Never closed. Each holder has its place for a bounded time.
+    let _place = app.uploads.acquire().await;
+    let reading = async {
+        match content_type(request.headers()).as_str() {
+            "multipart/form-data" => read_form(limits.form_parts, kinds, request).await,
+            raw if kinds.raw.contains(&raw) => {
+                let bytes = read_all(request).await?;
+                Ok(Upload { files: vec![(String::new(), bytes.into())], params: None })
+            }
+            other => Err(unsupported(other, kinds.hint)),
+        }
+    };
+    in_time(limits.body_seconds, reading).await
+}
+
+/// Reads a body that must be JSON.
+pub async fn read_json(app: &App, request: Request) -> Result<serde_json::Value, Problem> {
+    check_length(request.headers(), TEXT_BYTES as u64)?;
+    let kind = content_type(request.headers());
+    if kind != "application/json" {
+        return Err(unsupported(&kind, "send JSON with `Content-Type: application/json`"));
+    }
+    let bytes = in_time(app.service.limits().body_seconds, read_all(request)).await?;
+    serde_json::from_slice(&bytes).map_err(|error| Problem::new(Code::MalformedJson, error.to_string()))
+}
+
+async fn in_time<T>(seconds: u64, reading: impl Future<Output = Result<T, Problem>>) -> Result<T, Problem> {
+    let read = tokio::time::timeout(Duration::from_secs(seconds), reading).await;
+    read.unwrap_or_else(|_| {
+        let detail = format!("the body did not arrive within {seconds} s (GET /v1/limits, body_seconds)");
+        Err(Problem::new(Code::RequestTimeout, detail))
+    })
+}
+
+/// The limit of the route's `DefaultBodyLimit` holds.
+async fn read_all(request: Request) -> Result<Bytes, Problem> {
+    Bytes::from_request(request, &()).await.map_err(|rejection| match rejection.status() {
+        StatusCode::PAYLOAD_TOO_LARGE => too_large("the body"),
+        _ => Problem::new(Code::BadRequest, "the body broke off before its end"),
+    })
+}
+
+async fn read_form(most_parts: usize, kinds: &Kinds, request: Request) -> Result<Upload, Problem> {
+    let mut form = Multipart::from_request(request, &()).await.map_err(|_| {
+        Problem::new(Code::MalformedMultipart, "`Content-Type: multipart/form-data` must name its boundary")
+    })?;
+    let mut upload = Upload::default();
+    let mut parts = 0;
+    while let Some(field) = form.next_field().await.map_err(malformed)? {
+        parts += 1;
+        if parts > most_parts {
+            let detail = format!("the form has more than {most_parts} parts (GET /v1/limits, form_parts)");
+            return Err(Problem::new(Code::PayloadTooLarge, detail));
+        }
+        read_field(kinds, &mut upload, field).await?;
+    }
+    Ok(upload)
+}
+
+async fn read_field(kinds: &Kinds, upload: &mut Upload, mut field: Field<'_>) -> Result<(), Problem> {
+    let name = field.name().unwrap_or_default().to_owned();
+    if kinds.params && name == "params" {
+        let text = read_text(&mut field).await?;
+        if upload.params.replace(text).is_some() {
+            return Err(Problem::new(Code::MalformedMultipart, "the form has two fields `params`"));
+        }
+        return Ok(());
+    }
+    let file = match field.file_name() {
+        Some(file) => file.to_owned(),
+        None if name == kinds.file_field => String::new(),
+        None => {
+            let also = if kinds.params { ", `params`" } else { "" };
+            let detail = format!(
+                "the field `{name}` is not known: send `{}`{also}, and further files with a file name each",
+                kinds.file_field
+            );
+            return Err(Problem::new(Code::MalformedMultipart, detail));
+        }
+    };
+    let mut bytes = Vec::new();
+    while let Some(chunk) = field.chunk().await.map_err(malformed)? {
+        bytes.extend_from_slice(&chunk);
+    }
+    upload.files.push((file, bytes));
+    Ok(())
+}
+
+async fn read_text(field: &mut Field<'_>) -> Result<String, Problem> {
+    let mut bytes = Vec::new();
+    while let Some(chunk) = field.chunk().await.map_err(malformed)? {
+        bytes.extend_from_slice(&chunk);
+        if bytes.len() > TEXT_BYTES {
+            return Err(too_large("the field `params`"));
+        }
+    }
+    String::from_utf8(bytes).map_err(|_| Problem::new(Code::MalformedJson, "the field `params` is not UTF-8"))
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "the signature that map_err wants")]
+fn malformed(error: MultipartError) -> Problem {
+    if error.status() == StatusCode::PAYLOAD_TOO_LARGE {
+        return too_large("the form");
+    }
+    Problem::new(Code::MalformedMultipart, error.body_text())
+}
+
+/// Refuses a body that says itself that it is too large, before any of it is read.
+fn check_length(headers: &HeaderMap, limit: u64) -> Result<(), Problem> {
+    let length = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
+    if length.is_some_and(|length| length > limit) { Err(too_large("the body")) } else { Ok(()) }
+}
+
+fn too_large(what: &str) -> Problem {
+    let detail = format!("{what} is larger than this server reads (GET /v1/limits, upload_bytes; 1 MiB for JSON)");
+    Problem::new(Code::PayloadTooLarge, detail)
+}
+
+fn unsupported(kind: &str, hint: &str) -> Problem {
+    let kind = if kind.is_empty() { "no Content-Type" } else { kind };
+    Problem::new(Code::UnsupportedMediaType, format!("this route does not read {kind}: {hint}"))
+}
+
+/// Media type of the body in lower case, without its parameters.
+fn content_type(headers: &HeaderMap) -> String {
+    let value = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    value.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
+}

@@ -1,0 +1,31 @@
+//! From an order to work for the device; blocks a core for as long as it takes.
+
+use super::job::{Job, Order};
+use super::memory::film_bytes;
+use super::problem::{Code, Problem};
+use super::progress::seconds;
+use super::scenes::compiled_bytes;
+use super::worker::Ready;
+use crate::render::prepare::prepare;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Compiles the scene, unless that has been done, and what the request adds to it.
+pub(super) fn compile(job: Arc<Job>, order: &Order, memory_limit: u64) -> Result<Ready, Problem> {
+    let begun = Instant::now();
+    let params = &order.params;
+    let compiled = order.scene.compile(params.scene)?;
+    let bytes = film_bytes(params.width, params.height) + compiled_bytes(&compiled);
+    if bytes > memory_limit {
+        let detail = format!(
+            "the scene and the picture need about {bytes} bytes, above this server's limit of {memory_limit} for a \
+             job; use a smaller picture or a simpler scene"
+        );
+        return Err(Problem::new(Code::RenderTooLarge, detail));
+    }
+    let hdri = order.hdri.as_ref().map(|image| Arc::clone(&image.hdri));
+    let prepared = prepare(&order.scene.scene, compiled, params, hdri)?;
+    let mut stages = order.stages;
+    stages.compile = seconds(begun.elapsed());
+    Ok(Ready { job, prepared, stages, since: Instant::now(), bytes })
+}

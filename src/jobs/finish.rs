@@ -1,0 +1,95 @@
+//! From the film of an ended render to its file and its report; runs away from the device's thread.
+
+use super::job::{Encoded, Job, Outcome};
+use super::memory::Claim;
+use super::problem::{Code, Problem};
+use super::progress::seconds;
+use super::scenes::content_id;
+use super::table::Table;
+use crate::film::{self, EncodeError, Film, Picture};
+use crate::params::{ImageFormat, RenderParams};
+use crate::render::prepare::Prepared;
+use crate::render::report::{Report, Stages};
+use crate::render::{DeviceInfo, NonFinite, StopReason};
+use crate::scene::Warning;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// A render that ended with a film.
+pub(super) struct Ended {
+    pub job: Arc<Job>,
+    pub prepared: Prepared,
+    pub film: Film,
+    pub reason: StopReason,
+    pub device: DeviceInfo,
+    pub stages: Stages,
+    pub non_finite: NonFinite,
+    /// The server's limit on the time ended it, not the request.
+    pub cut_by_server: bool,
+    /// Memory that is free again once the film is gone.
+    pub claim: Claim,
+}
+
+/// Makes the file and ends the job.
+pub(super) fn finish(ended: Ended, table: &Table) {
+    let job = Arc::clone(&ended.job);
+    let done = catch_unwind(AssertUnwindSafe(|| outcome(ended))).unwrap_or_else(|_| {
+        Err(Problem::new(Code::Internal, "the picture could not be made by a fault of the server"))
+    });
+    let changed = match done {
+        Ok(outcome) => job.succeed(outcome),
+        Err(problem) => job.fail(problem),
+    };
+    if changed {
+        table.retire(&job);
+    }
+}
+
+fn outcome(ended: Ended) -> Result<Outcome, Problem> {
+    let begun = Instant::now();
+    let Ended { job, prepared, film, reason, device, stages, non_finite, cut_by_server, claim } = ended;
+    let picture = Arc::new(film.picture());
+    let error = film.error();
+    let mut report = Report {
+        samples: film.samples(),
+        error: error.map(|error| error.relative_rms),
+        error_bound_95: error.map(|error| error.upper_bound_95),
+        seed: job.params.seed,
+        engine: "gpu",
+        device,
+        stop_reason: reason,
+        seconds: stages,
+        biases: prepared.biases,
+        defaults: prepared.defaults,
+        warnings: prepared.warnings,
+        non_finite,
+        scene: prepared.work.scene.stats.clone(),
+    };
+    drop((film, prepared.work));
+    if cut_by_server {
+        report.warnings.push(Warning {
+            code: "render_time_limit",
+            pointer: "/params/max_samples".to_owned(),
+            detail: "the render was stopped at the server's limit of time (GET /v1/limits, render_seconds)".to_owned(),
+        });
+    }
+    let file = encode(&picture, &job.params, job.params.output.format, &report.facts())?;
+    report.seconds.encode = seconds(begun.elapsed());
+    drop(claim);
+    Ok(Outcome { picture, report, file })
+}
+
+/// Encodes a picture and hashes the file.
+pub(super) fn encode(
+    picture: &Picture,
+    params: &RenderParams,
+    format: ImageFormat,
+    facts: &[(String, String)],
+) -> Result<Encoded, Problem> {
+    let bytes = film::encode(picture, params, format, facts).map_err(|error| match error {
+        EncodeError::Unsupported(detail) => Problem::new(Code::NotAcceptable, detail),
+        EncodeError::Failed(detail) => Problem::new(Code::Internal, detail),
+    })?;
+    Ok(Encoded { etag: format!("\"{}\"", content_id(&bytes)), bytes: bytes.into(), format })
+}

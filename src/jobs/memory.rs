@@ -1,0 +1,63 @@
+//! Host memory that renders may hold together.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Bytes per pixel of a render under way and of its ending: the film (four replicates of four f64), the picture
+/// (four f32), and a file of 16 bits per channel.
+const BYTES_PER_PIXEL: u64 = 128 + 16 + 8;
+
+/// Memory of a render of so many pixels, without its scene.
+pub fn film_bytes(width: u32, height: u32) -> u64 {
+    u64::from(width) * u64::from(height) * BYTES_PER_PIXEL
+}
+
+/// A bounded amount of memory.
+#[derive(Debug, Clone)]
+pub struct Budget {
+    limit: u64,
+    used: Arc<AtomicU64>,
+}
+
+/// A part of a [`Budget`], given back when dropped.
+#[derive(Debug)]
+pub struct Claim {
+    bytes: u64,
+    used: Arc<AtomicU64>,
+}
+
+impl Budget {
+    /// `limit` bytes, all free.
+    pub fn new(limit: u64) -> Self {
+        Self { limit, used: Arc::default() }
+    }
+
+    /// Takes a part if there is room. What alone is over the limit has to wait until nothing else is held.
+    pub fn claim(&self, bytes: u64) -> Option<Claim> {
+        let fits =
+            |used: u64| (used == 0 || used.saturating_add(bytes) <= self.limit).then_some(used.saturating_add(bytes));
+        self.used.fetch_update(Ordering::AcqRel, Ordering::Acquire, fits).ok()?;
+        Some(Claim { bytes, used: Arc::clone(&self.used) })
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        self.used.fetch_sub(self.bytes, Ordering::AcqRel);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn claims_are_bounded_and_given_back() {
+        let budget = Budget::new(10);
+        let first = budget.claim(6);
+        assert!(first.is_some());
+        assert!(budget.claim(6).is_none());
+        drop(first);
+        assert!(budget.claim(60).is_some());
+    }
+}

@@ -1,0 +1,162 @@
+//! What can go wrong, as data: one table of codes for the replies, for `/docs/errors` and for the tests.
+
+use crate::compile::CompileError;
+use crate::params::FieldError;
+use crate::scene::{SceneError, SceneErrorKind};
+use serde::Serialize;
+
+/// Writes the table of codes once: name, identifier, HTTP status, title.
+macro_rules! codes {
+    ($($(#[doc = $doc:literal])+ $name:ident = $code:literal, $status:literal, $title:literal;)+) => {
+        /// Faults that are not tied to one place of a scene file (those have the codes of the scene room).
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum Code {
+            $($(#[doc = $doc])+ $name,)+
+        }
+
+        impl Code {
+            /// Every code.
+            pub const ALL: &[Self] = &[$(Self::$name,)+];
+
+            /// Stable identifier, the anchor in `/docs/errors`.
+            pub fn id(self) -> &'static str {
+                match self { $(Self::$name => $code,)+ }
+            }
+
+            /// HTTP status.
+            pub fn status(self) -> u16 {
+                match self { $(Self::$name => $status,)+ }
+            }
+
+            /// Short summary, the same for every occurrence.
+            pub fn title(self) -> &'static str {
+                match self { $(Self::$name => $title,)+ }
+            }
+        }
+    };
+}
+
+codes! {
+    /// The request line, a header or the query cannot be read.
+    BadRequest = "bad_request", 400, "The request cannot be read";
+    /// The form is cut off or not a form.
+    MalformedMultipart = "malformed_multipart", 400, "The multipart form cannot be read";
+    /// The body is not JSON.
+    MalformedJson = "malformed_json", 400, "The body is not valid JSON";
+    /// No such route.
+    NotFound = "not_found", 404, "There is nothing at this address";
+    /// No such scene.
+    SceneNotFound = "scene_not_found", 404, "There is no such scene";
+    /// No such image.
+    ImageNotFound = "image_not_found", 404, "There is no such image";
+    /// No such job.
+    JobNotFound = "job_not_found", 404, "There is no such job";
+    /// The job has no preview.
+    NoPreview = "no_preview", 404, "The job has no preview yet";
+    /// The route exists, the method does not.
+    MethodNotAllowed = "method_not_allowed", 405, "The method is not allowed here";
+    /// No format of `Accept` can be made.
+    NotAcceptable = "not_acceptable", 406, "None of the formats asked for can be made";
+    /// The body came too slowly.
+    RequestTimeout = "request_timeout", 408, "The body did not arrive in time";
+    /// The result is asked for too early.
+    NotFinished = "not_finished", 409, "The job has not finished";
+    /// The job failed, so it has no result.
+    JobFailed = "job_failed", 409, "The job failed";
+    /// The job was cancelled, so it has no result.
+    JobCancelled = "job_cancelled", 409, "The job was cancelled";
+    /// The job is over, so it cannot be cancelled.
+    JobOver = "job_over", 409, "The job is already over";
+    /// The body is larger than the server reads.
+    PayloadTooLarge = "payload_too_large", 413, "The body is too large";
+    /// The body is of a type that the route does not read.
+    UnsupportedMediaType = "unsupported_media_type", 415, "The type of the body is not supported";
+    /// A field is unknown, missing or out of range.
+    InvalidParams = "invalid_params", 422, "The parameters are not valid";
+    /// Valid, but beyond a limit of this server.
+    LimitExceeded = "limit_exceeded", 422, "The request is beyond a limit of this server";
+    /// The image cannot be decoded.
+    InvalidImage = "invalid_image", 422, "The image cannot be read";
+    /// The scene does not fit the device or the memory of a job.
+    RenderTooLarge = "render_too_large", 422, "The render does not fit this server";
+    /// A fault of the server.
+    Internal = "internal", 500, "The server failed";
+    /// The queue is full.
+    QueueFull = "queue_full", 503, "The queue is full";
+    /// The server is shutting down.
+    ShuttingDown = "shutting_down", 503, "The server is shutting down";
+    /// The graphics device is lost and did not come back.
+    DeviceUnavailable = "device_unavailable", 503, "The graphics device is not available";
+}
+
+/// A fault as the client sees it (RFC 9457), without the request's id.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Problem {
+    /// Link to what the code means.
+    pub r#type: String,
+    /// Summary of the code.
+    pub title: &'static str,
+    /// HTTP status.
+    pub status: u16,
+    /// Stable identifier.
+    pub code: &'static str,
+    /// What, why, how to fix.
+    pub detail: String,
+    /// Places at fault.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<FieldError>,
+    /// Seconds after which a retry may help.
+    #[serde(skip)]
+    pub retry_after: Option<u32>,
+}
+
+impl Problem {
+    /// A fault with the code's status and title.
+    pub fn new(code: Code, detail: impl Into<String>) -> Self {
+        Self::build(code.id(), code.status(), code.title(), detail.into())
+    }
+
+    /// Faults of parameters, each with its place.
+    pub fn fields(code: Code, errors: Vec<FieldError>) -> Self {
+        let detail = errors.iter().map(FieldError::to_string).collect::<Vec<_>>().join("; ");
+        Self { errors, ..Self::new(code, detail) }
+    }
+
+    /// The same, to be tried again after some seconds.
+    pub fn retry_after(self, seconds: u32) -> Self {
+        Self { retry_after: Some(seconds), ..self }
+    }
+
+    fn build(code: &'static str, status: u16, title: &'static str, detail: String) -> Self {
+        Self {
+            r#type: format!("/docs/errors#{code}"),
+            title,
+            status,
+            code,
+            detail,
+            errors: Vec::new(),
+            retry_after: None,
+        }
+    }
+}
+
+impl From<SceneError> for Problem {
+    fn from(error: SceneError) -> Self {
+        let (status, title) = match error.kind {
+            SceneErrorKind::Malformed => (400, "The scene cannot be read"),
+            SceneErrorKind::Invalid => (422, "The scene cannot be rendered"),
+            SceneErrorKind::TooLarge => (413, "The scene is beyond a limit of this server"),
+        };
+        let place = FieldError { pointer: format!("/scene{}", error.pointer), detail: error.detail.clone() };
+        Self { errors: vec![place], ..Self::build(error.code, status, title, error.detail) }
+    }
+}
+
+impl From<CompileError> for Problem {
+    fn from(error: CompileError) -> Self {
+        match error {
+            CompileError::Scene(error) => error.into(),
+            CompileError::Params(error) => Self::fields(Code::InvalidParams, vec![error]),
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! `openapi.yaml` is what the server does: the same routes, and replies of the shapes that it promises.
+
+use crate::support::{Reply, Server, endless, tiny, triangle};
+use candela::http::router::routes;
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+
+fn contract() -> Value {
+    Server::start().get("/openapi.json").json()
+}
+
+#[test]
+fn the_router_and_the_contract_have_the_same_routes() {
+    let contract = contract();
+    let methods = ["get", "post", "put", "delete", "patch"];
+    let promised: BTreeSet<_> = contract["paths"]
+        .as_object()
+        .expect("paths")
+        .iter()
+        .flat_map(|(path, item)| {
+            methods.iter().filter(|m| item.get(**m).is_some()).map(move |m| (m.to_uppercase(), path.clone()))
+        })
+        .collect();
+    let kept: BTreeSet<_> = routes().into_iter().map(|(method, path)| (method.to_owned(), path.to_owned())).collect();
+    assert_eq!(promised, kept);
+}
+
+#[test]
+fn every_reference_leads_somewhere() {
+    let contract = contract();
+    let mut open = vec![&contract];
+    while let Some(value) = open.pop() {
+        if let Some(reference) = value.get("$ref").and_then(Value::as_str) {
+            assert!(contract.pointer(reference.trim_start_matches('#')).is_some(), "{reference}");
+        }
+        open.extend(value.as_object().into_iter().flat_map(|object| object.values()));
+        open.extend(value.as_array().into_iter().flatten());
+    }
+}
+
+#[test]
+fn every_code_is_in_the_contract() {
+    let contract = contract();
+    let listed = contract["components"]["schemas"]["Problem"]["properties"]["code"]["examples"].clone();
+    let listed: Vec<_> = listed.as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    for code in candela::jobs::Code::ALL {
+        assert!(listed.contains(&code.id()), "{}", code.id());
+    }
+}
+
+#[test]
+fn defaults_of_the_contract_are_those_of_the_server() {
+    let contract = contract();
+    let promised = &contract["components"]["schemas"]["RenderParams"]["properties"];
+    let kept = json!(candela::params::RenderParams::default());
+    for (name, value) in kept.as_object().expect("an object") {
+        let field = promised.get(name).unwrap_or_else(|| panic!("the contract lacks {name}"));
+        if let Some(default) = field.get("default") {
+            assert_eq!(default, value, "{name}");
+        }
+    }
+    let names: BTreeSet<_> = promised.as_object().expect("an object").keys().collect();
+    let mut known: BTreeSet<_> = kept.as_object().expect("an object").keys().collect();
+    let environment = "environment".to_owned();
+    known.insert(&environment);
+    assert_eq!(names, known);
+}
+
+#[test]
+fn replies_have_the_shapes_that_are_promised() {
+    let server = Server::start();
+    let contract = contract();
+    let check = |method: &str, path: &str, reply: &Reply| conforms_to_route(&contract, method, path, reply);
+
+    let created = server.post("/v1/scenes", "model/gltf-binary", &triangle());
+    check("post", "/v1/scenes", &created);
+    let scene = created.json()["id"].as_str().expect("an id").to_owned();
+    let with_camera = crate::support::with_camera();
+    check("post", "/v1/scenes", &server.post("/v1/scenes", "model/gltf+json", with_camera.as_bytes()));
+    check("get", "/v1/scenes", &server.get("/v1/scenes"));
+    check("get", "/v1/scenes/{id}", &server.get(&format!("/v1/scenes/{scene}")));
+    check("get", "/v1/scenes/{id}", &server.get("/v1/scenes/none"));
+    let image = server.post("/v1/images", "image/vnd.radiance", &crate::support::radiance());
+    check("post", "/v1/images", &image);
+
+    let accepted = server.post_json("/v1/jobs", &json!({ "scene": scene, "params": tiny() }));
+    check("post", "/v1/jobs", &accepted);
+    let id = accepted.json()["id"].as_str().expect("an id").to_owned();
+    server.wait_for(&id, &["succeeded"]);
+    check("get", "/v1/jobs/{id}", &server.get(&format!("/v1/jobs/{id}")));
+    check("get", "/v1/jobs/{id}/result", &server.get(&format!("/v1/jobs/{id}/result")));
+    check("get", "/v1/jobs", &server.get("/v1/jobs"));
+    check("post", "/v1/jobs", &server.post_json("/v1/jobs", &json!({ "scene": 1 })));
+    let long = server.begin(&scene, &endless());
+    check("post", "/v1/jobs/{id}/cancel", &server.send("POST", &format!("/v1/jobs/{long}/cancel"), &[], &[]));
+    check("post", "/v1/jobs/{id}/cancel", &server.send("POST", &format!("/v1/jobs/{id}/cancel"), &[], &[]));
+    check(
+        "post",
+        "/v1/render",
+        &server.post("/v1/render?width=8&height=8&max_samples=2", "model/gltf-binary", &triangle()),
+    );
+    check("post", "/v1/render", &server.post("/v1/render?width=0", "model/gltf-binary", &triangle()));
+    check("post", "/v1/render", &server.post("/v1/render", "text/plain", b"a"));
+    for path in ["/v1/limits", "/healthz", "/readyz"] {
+        check("get", path, &server.get(path));
+    }
+}
+
+#[test]
+fn a_shape_that_differs_is_found() {
+    let contract = contract();
+    let problem = &contract["components"]["schemas"]["Problem"];
+    let good =
+        json!({ "type": "/docs/errors#a", "title": "a", "status": 400, "code": "a", "detail": "a", "request_id": "a" });
+    assert_eq!(conforms(&contract, problem, &good, ""), Ok(()));
+    let mut bad = good.clone();
+    bad["status"] = json!("400");
+    assert!(conforms(&contract, problem, &bad, "").is_err());
+    bad = good.clone();
+    bad["more"] = json!(1);
+    assert!(conforms(&contract, problem, &bad, "").is_err());
+    bad = good;
+    bad.as_object_mut().expect("an object").remove("code");
+    assert!(conforms(&contract, problem, &bad, "").is_err());
+}
+
+/// The reply's status is promised for the route, its type too, and if it is JSON, its shape.
+fn conforms_to_route(contract: &Value, method: &str, path: &str, reply: &Reply) {
+    let place = format!("{method} {path} {}", reply.status);
+    let responses = &contract["paths"][path][method]["responses"];
+    let response =
+        resolve(contract, responses.get(reply.status.to_string()).unwrap_or_else(|| panic!("{place}: {reply:?}")));
+    let kind = reply.header("content-type").unwrap_or_default();
+    let media = response["content"].get(kind).unwrap_or_else(|| panic!("{place}: {kind} is not promised"));
+    if kind.ends_with("json") {
+        conforms(contract, &media["schema"], &reply.json(), "").unwrap_or_else(|fault| panic!("{place}: {fault}"));
+    }
+}
+
+fn resolve<'a>(contract: &'a Value, value: &'a Value) -> &'a Value {
+    match value.get("$ref").and_then(Value::as_str) {
+        Some(reference) => {
+            contract.pointer(reference.trim_start_matches('#')).expect("a reference that leads somewhere")
+        }
+        None => value,
+    }
+}
+
+/// As much of JSON Schema as the contract uses.
+fn conforms(contract: &Value, schema: &Value, value: &Value, place: &str) -> Result<(), String> {
+    let schema = resolve(contract, schema);
+    for any in ["oneOf", "anyOf"] {
+        if let Some(options) = schema.get(any).and_then(Value::as_array) {
+            let fits = options.iter().filter(|option| conforms(contract, option, value, place).is_ok()).count();
+            if fits == 0 {
+                return Err(format!("{place}: {value} is none of {any}"));
+            }
+        }
+    }
+    if let Some(kind) = schema.get("type") {
+        let kinds: Vec<_> = kind.as_array().map_or_else(|| vec![kind], |kinds| kinds.iter().collect());
+        if !kinds.iter().any(|kind| is_of(value, kind.as_str().unwrap_or_default())) {
+            return Err(format!("{place}: {value} is not of type {kind}"));
+        }
+    }
+    if schema.get("enum").and_then(Value::as_array).is_some_and(|known| !known.contains(value)) {
+        return Err(format!("{place}: {value} is not listed"));
+    }
+    if let (Some(items), Some(array)) = (schema.get("items"), value.as_array()) {
+        for (index, item) in array.iter().enumerate() {
+            conforms(contract, items, item, &format!("{place}/{index}"))?;
+        }
+    }
+    match value.as_object() {
+        Some(object) => fields_conform(contract, schema, object, place),
+        None => Ok(()),
+    }
+}
+
+fn fields_conform(
+    contract: &Value,
+    schema: &Value,
+    object: &serde_json::Map<String, Value>,
+    place: &str,
+) -> Result<(), String> {
+    for name in schema.get("required").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str) {
+        if !object.contains_key(name) {
+            return Err(format!("{place}: {name} is missing"));
+        }
+    }
+    for (name, field) in object {
+        match schema.get("properties").and_then(|properties| properties.get(name)) {
+            Some(schema) => conforms(contract, schema, field, &format!("{place}/{name}"))?,
+            None if schema.get("additionalProperties") == Some(&Value::Bool(false)) => {
+                return Err(format!("{place}: {name} is not promised"));
+            }
+            None => {}
+        }
+    }
+    Ok(())
+}
+
+fn is_of(value: &Value, kind: &str) -> bool {
+    match kind {
+        "object" => value.is_object(),
+        "array" => value.is_array(),
+        "string" => value.is_string(),
+        "boolean" => value.is_boolean(),
+        "number" => value.is_number(),
+        "integer" => value.is_u64() || value.is_i64(),
+        "null" => value.is_null(),
+        _ => false,
+    }
+}

@@ -1,0 +1,135 @@
+//! A small engine of known behaviour: every step adds one sample per pixel, drawn from a hash.
+
+use candela::film::Film;
+use candela::jobs::EngineFactory;
+use candela::render::gpu::GpuEngine;
+use candela::render::{DeviceInfo, Engine, NonFinite, Render, RenderError, StopReason, Work};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+/// Time that one step takes.
+const STEP: Duration = Duration::from_millis(2);
+
+/// What a render of a certain seed does wrong.
+#[derive(Clone, Copy, PartialEq)]
+pub enum Fault {
+    /// Nothing.
+    None,
+    /// Panics at its third step.
+    Panic,
+    /// Finds the device lost at its third step, as often as the counter says.
+    Lost,
+    /// Does not fit.
+    TooLarge,
+}
+
+/// Seed of the renders that go wrong, so that others on the same server go well.
+pub const FAULTY_SEED: u32 = 666;
+
+/// The engine that tests use when any will do.
+pub fn any() -> EngineFactory {
+    match std::env::var("CANDELA_TEST_ENGINE").as_deref() {
+        Ok("gpu") => Box::new(|| Ok(Box::new(GpuEngine::new()?))),
+        _ => faulty(Fault::None, 0),
+    }
+}
+
+/// An engine on which renders of [`FAULTY_SEED`] go wrong; `losses`: how often the device is lost in all.
+pub fn faulty(fault: Fault, losses: u32) -> EngineFactory {
+    let (losses_at_first, losses) = (losses, Arc::new(AtomicU32::new(losses)));
+    Box::new(move || {
+        let info = DeviceInfo {
+            name: "test".to_owned(),
+            backend: "none".to_owned(),
+            driver: "none".to_owned(),
+            hardware: false,
+        };
+        Ok(Box::new(TestEngine { info, fault, losses: Arc::clone(&losses), losses_at_first }))
+    })
+}
+
+struct TestEngine {
+    info: DeviceInfo,
+    fault: Fault,
+    losses: Arc<AtomicU32>,
+    losses_at_first: u32,
+}
+
+impl Engine for TestEngine {
+    fn device(&self) -> &DeviceInfo {
+        &self.info
+    }
+
+    fn begin(&mut self, work: Work, film: Option<Film>) -> Result<Box<dyn Render>, RenderError> {
+        let fault = if work.settings.seed == FAULTY_SEED { self.fault } else { Fault::None };
+        if fault == Fault::TooLarge {
+            return Err(RenderError::TooLarge("a buffer of 3 GiB".to_owned()));
+        }
+        // Whoever begins anew after a loss must hand on what had been made.
+        let before = self.losses.load(Ordering::SeqCst);
+        if fault == Fault::Lost && before < self.losses_at_first && film.is_none() {
+            return Err(RenderError::TooLarge("the film is missing".to_owned()));
+        }
+        let film = film.unwrap_or_else(|| Film::new(work.view.width, work.view.height));
+        Ok(Box::new(TestRender { film, work, fault, losses: Arc::clone(&self.losses) }))
+    }
+}
+
+struct TestRender {
+    film: Film,
+    work: Work,
+    fault: Fault,
+    losses: Arc<AtomicU32>,
+}
+
+impl TestRender {
+    fn go_wrong(&self) -> Result<(), RenderError> {
+        if self.film.samples() != 2 {
+            return Ok(());
+        }
+        let lose = |left: u32| left.checked_sub(1);
+        match self.fault {
+            Fault::Panic => panic!("as the test wants it"),
+            Fault::Lost if self.losses.fetch_update(Ordering::SeqCst, Ordering::SeqCst, lose).is_ok() => {
+                Err(RenderError::DeviceLost("as the test wants it".to_owned()))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Render for TestRender {
+    fn step(&mut self) -> Result<Option<StopReason>, RenderError> {
+        self.go_wrong()?;
+        std::thread::sleep(STEP);
+        let sample = self.film.samples();
+        let pixels = u64::from(self.film.width()) * u64::from(self.film.height());
+        let draw = |pixel: u64| {
+            let mut hash = DefaultHasher::new();
+            (self.work.settings.seed, pixel, sample).hash(&mut hash);
+            let value = (hash.finish() >> 40) as f32 / (1_u64 << 24) as f32;
+            [value, value * 0.5, 0.25, 1.0]
+        };
+        let sums: Vec<_> = (0..pixels).map(draw).collect();
+        self.film.add(sample as usize % candela::film::REPLICATES, 1, &sums);
+        Ok((self.film.samples() >= self.work.settings.max_samples).then_some(StopReason::MaxSamples))
+    }
+
+    fn film(&self) -> &Film {
+        &self.film
+    }
+
+    fn into_film(self: Box<Self>) -> Film {
+        self.film
+    }
+
+    fn progress(&self) -> f64 {
+        f64::from(self.film.samples()) / f64::from(self.work.settings.max_samples)
+    }
+
+    fn non_finite(&self) -> NonFinite {
+        NonFinite::default()
+    }
+}

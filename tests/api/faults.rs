@@ -1,0 +1,56 @@
+//! An engine that goes wrong, on purpose.
+
+use crate::engine::{self, FAULTY_SEED, Fault};
+use crate::support::{Server, tiny};
+use candela::config::Limits;
+use serde_json::{Value, json};
+use std::time::Duration;
+
+fn server(fault: Fault, losses: u32) -> Server {
+    Server::with(Limits::default(), engine::faulty(fault, losses), Duration::ZERO)
+}
+
+fn faulty() -> Value {
+    json!({ "width": 16, "height": 8, "max_samples": 4, "seed": FAULTY_SEED })
+}
+
+#[test]
+fn a_panic_ends_its_own_job_only() {
+    let server = server(Fault::Panic, 0);
+    let scene = server.upload();
+    let (bad, good) = (server.begin(&scene, &faulty()), server.begin(&scene, &tiny()));
+    assert_eq!(server.wait_for(&bad, &["failed"])["problem"]["code"], "internal");
+    server.wait_for(&good, &["succeeded"]);
+    server.get(&format!("/v1/jobs/{bad}/result")).problem(409, "job_failed");
+    let again = server.begin(&scene, &tiny());
+    server.wait_for(&again, &["succeeded"]);
+}
+
+#[test]
+fn a_lost_device_comes_back_and_the_render_goes_on_from_its_film() {
+    let picture = |losses| {
+        let server = server(Fault::Lost, losses);
+        let id = server.begin(&server.upload(), &faulty());
+        assert_eq!(server.wait_for(&id, &["succeeded", "failed"])["state"], "succeeded");
+        server.get(&format!("/v1/jobs/{id}/result")).body
+    };
+    assert_eq!(picture(2), picture(0));
+}
+
+#[test]
+fn a_device_that_does_not_come_back_fails_the_job() {
+    let server = server(Fault::Lost, u32::MAX);
+    let scene = server.upload();
+    let id = server.begin(&scene, &faulty());
+    assert_eq!(server.wait_for(&id, &["failed"])["problem"]["code"], "device_unavailable");
+    let next = server.begin(&scene, &tiny());
+    server.wait_for(&next, &["succeeded"]);
+}
+
+#[test]
+fn a_scene_that_does_not_fit_is_the_clients_fault() {
+    let server = server(Fault::TooLarge, 0);
+    let id = server.begin(&server.upload(), &faulty());
+    let problem = &server.wait_for(&id, &["failed"])["problem"];
+    assert_eq!((&problem["code"], &problem["status"]), (&json!("render_too_large"), &json!(422)));
+}

@@ -1,0 +1,124 @@
+//! `/v1/jobs`: states, results, cancelling, pages.
+
+use crate::support::{Server, endless, tiny, triangle};
+use serde_json::json;
+use std::time::{Duration, Instant};
+
+#[test]
+fn a_job_goes_from_accepted_to_result() {
+    let server = Server::start();
+    let scene = server.upload();
+    let reply = server.post_json("/v1/jobs", &json!({ "scene": scene, "params": tiny(), "priority": 5 }));
+    assert_eq!(reply.status, 202, "{reply:?}");
+    let id = reply.json()["id"].as_str().unwrap().to_owned();
+    assert_eq!(reply.header("location"), Some(format!("/v1/jobs/{id}").as_str()));
+
+    let job = server.wait_for(&id, &["succeeded"]);
+    assert_eq!((&job["priority"], &job["params"]["width"]), (&json!(5), &json!(16)));
+    assert_eq!(job["report"]["samples"], 4);
+    assert_eq!(job["report"]["stop_reason"], "max_samples");
+    assert!(job["report"]["error_bound_95"].as_f64() >= job["report"]["error"].as_f64());
+    assert!(job["report"]["seconds"]["trace"].as_f64() > Some(0.0));
+
+    let result = server.get(&format!("/v1/jobs/{id}/result"));
+    assert_eq!((result.status, result.header("content-type")), (200, Some("image/png")));
+    let tag = result.header("etag").unwrap();
+    let again = server.send("GET", &format!("/v1/jobs/{id}/result"), &[("if-none-match", tag)], &[]);
+    assert_eq!((again.status, again.body.len()), (304, 0));
+    let headers = [("accept", "image/x-exr")];
+    let exr = server.send("GET", &format!("/v1/jobs/{id}/result"), &headers, &[]);
+    assert_eq!(exr.header("content-type"), Some("image/x-exr"));
+    assert_eq!(exr.body[..4], [0x76, 0x2f, 0x31, 0x01]);
+    let other = server.send("GET", &format!("/v1/jobs/{id}/result"), &[("accept", "text/plain")], &[]);
+    other.problem(406, "not_acceptable");
+}
+
+#[test]
+fn a_client_may_prefer_to_wait() {
+    let server = Server::start();
+    let scene = server.upload();
+    let post = |params, wait| {
+        let body = json!({ "scene": scene, "params": params }).to_string();
+        let headers = [("content-type", "application/json"), ("prefer", wait)];
+        server.send("POST", "/v1/jobs", &headers, body.as_bytes())
+    };
+    let done = post(tiny(), "wait=30");
+    assert_eq!((done.status, done.header("content-type")), (200, Some("image/png")), "{done:?}");
+    assert!(done.header("candela-job").is_some());
+    let begun = Instant::now();
+    assert_eq!(post(endless(), "wait=1").status, 202);
+    assert!((1.0..5.0).contains(&begun.elapsed().as_secs_f64()));
+}
+
+#[test]
+fn cancelling_is_felt_at_once_and_idempotent() {
+    let server = Server::start();
+    let scene = server.upload();
+    let id = server.begin(&scene, &endless());
+    server.wait_for(&id, &["running"]);
+    server.get(&format!("/v1/jobs/{id}/result")).problem(409, "not_finished");
+
+    let begun = Instant::now();
+    let cancel = || server.send("POST", &format!("/v1/jobs/{id}/cancel"), &[], &[]);
+    assert_eq!((cancel().status, cancel().json()["state"].clone()), (200, json!("cancelled")));
+    // The device is free again: another job is done at once.
+    let next = server.begin(&scene, &tiny());
+    server.wait_for(&next, &["succeeded"]);
+    assert!(begun.elapsed() < Duration::from_secs(1), "{:?}", begun.elapsed());
+
+    server.get(&format!("/v1/jobs/{id}/result")).problem(409, "job_cancelled");
+    server.send("POST", &format!("/v1/jobs/{next}/cancel"), &[], &[]).problem(409, "job_over");
+}
+
+#[test]
+fn a_client_that_goes_away_ends_its_render() {
+    let server = Server::start();
+    let path = "/v1/render?width=64&height=64&max_samples=4000000";
+    let mut stream = std::net::TcpStream::connect(server.address).unwrap();
+    let body = triangle();
+    let head = format!(
+        "POST {path} HTTP/1.1\r\nhost: a\r\ncontent-type: model/gltf-binary\r\ncontent-length: {}\r\n\r\n",
+        body.len()
+    );
+    std::io::Write::write_all(&mut stream, &[head.as_bytes(), &body].concat()).unwrap();
+    let job = loop {
+        let jobs = server.get("/v1/jobs").json();
+        if jobs["items"][0]["state"] == "running" {
+            break jobs["items"][0]["id"].as_str().unwrap().to_owned();
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    };
+    drop(stream);
+    server.wait_for(&job, &["cancelled"]);
+}
+
+#[test]
+fn jobs_come_in_pages_newest_first() {
+    let server = Server::start();
+    let scene = server.upload();
+    let ids: Vec<_> = (0..3).map(|_| server.begin(&scene, &tiny())).collect();
+    let first = server.get("/v1/jobs?limit=2").json();
+    assert_eq!((&first["items"][0]["id"], &first["items"][1]["id"]), (&json!(ids[2]), &json!(ids[1])));
+    let next = first["next"].as_str().expect("a cursor");
+    let last = server.get(&format!("/v1/jobs?limit=2&cursor={next}")).json();
+    assert_eq!((&last["items"][0]["id"], last["next"].is_null()), (&json!(ids[0]), true));
+}
+
+#[test]
+fn who_asks_for_a_preview_gets_one() {
+    let server = Server::start();
+    let id = server.begin(&server.upload(), &endless());
+    let path = format!("/v1/jobs/{id}/preview");
+    let begun = Instant::now();
+    let preview = loop {
+        let reply = server.get(&path);
+        if reply.status == 200 {
+            break reply;
+        }
+        reply.problem(404, "no_preview");
+        assert!(begun.elapsed() < Duration::from_secs(5));
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    assert_eq!(preview.header("content-type"), Some("image/jpeg"));
+    assert!(preview.header("candela-preview").is_some());
+}

@@ -1,0 +1,184 @@
+//! What clients send wrong, and what they are told.
+
+use crate::engine;
+use crate::support::{Server, form, tiny, triangle};
+use candela::config::Limits;
+use serde_json::{Value, json};
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+fn limited(limits: Limits) -> Server {
+    Server::with(limits, engine::any(), Duration::ZERO)
+}
+
+fn pointers(problem: &Value) -> Vec<&str> {
+    problem["errors"].as_array().into_iter().flatten().filter_map(|error| error["pointer"].as_str()).collect()
+}
+
+#[test]
+fn unknown_routes_and_methods() {
+    let server = Server::start();
+    server.get("/v2/nothing").problem(404, "not_found");
+    let reply = server.delete("/v1/render");
+    reply.problem(405, "method_not_allowed");
+    assert_eq!(reply.header("allow"), Some("POST"));
+    let reply = server.delete("/v1/jobs");
+    assert!(reply.header("allow").is_some_and(|allow| allow.contains("GET") && allow.contains("POST")), "{reply:?}");
+    server.get("/v1/jobs/nothing").problem(404, "job_not_found");
+    server.get("/v1/jobs/%ff").problem(400, "bad_request");
+}
+
+#[test]
+fn wrong_types_of_body() {
+    let server = Server::start();
+    for path in ["/v1/render", "/v1/scenes", "/v1/images", "/v1/jobs"] {
+        server.post(path, "text/plain", b"hello").problem(415, "unsupported_media_type");
+        server.send("POST", path, &[], b"hello").problem(415, "unsupported_media_type");
+    }
+}
+
+#[test]
+fn broken_forms() {
+    let server = Server::start();
+    let kind = "multipart/form-data; boundary=limit";
+    server.post("/v1/render", "multipart/form-data", b"").problem(400, "malformed_multipart");
+    server.post("/v1/render", kind, b"no form at all").problem(400, "malformed_multipart");
+    let whole = form(&[("scene", Some("a.glb"), &triangle())]);
+    server.post("/v1/render", kind, &whole[..whole.len() - 20]).problem(400, "malformed_multipart");
+    server.post_form("/v1/render", &[("colour", None, b"red")]).problem(400, "malformed_multipart");
+    server.post_form("/v1/render", &[]).problem(400, "bad_request");
+    server.post_form("/v1/render", &[("params", None, b"{}")]).problem(400, "bad_request");
+    let twice: [(&str, Option<&str>, &[u8]); 2] = [("params", None, b"{}"), ("params", None, b"{}")];
+    server.post_form("/v1/render", &twice).problem(400, "malformed_multipart");
+}
+
+#[test]
+fn broken_json() {
+    let server = Server::start();
+    let scene = server.upload();
+    server.post("/v1/jobs", "application/json", b"{\"scene\":").problem(400, "malformed_json");
+    let problem = server.post_json("/v1/jobs", &json!({})).problem(422, "invalid_params");
+    assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("scene")), "{problem}");
+    let problem = server.post_json("/v1/jobs", &json!({ "scene": scene, "wishes": 3 })).problem(422, "invalid_params");
+    assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("wishes")), "{problem}");
+    server.post_json("/v1/jobs", &json!({ "scene": 7 })).problem(422, "invalid_params");
+    server.post_json("/v1/jobs", &json!({ "scene": scene, "priority": 101 })).problem(422, "invalid_params");
+    server.post_json("/v1/jobs", &json!({ "scene": "sha256-0" })).problem(404, "scene_not_found");
+}
+
+#[test]
+fn faulty_parameters_are_named_by_place() {
+    let server = Server::start();
+    let scene = server.upload();
+    let refuse = |params: Value| {
+        server.post_json("/v1/jobs", &json!({ "scene": scene, "params": params })).problem(422, "invalid_params")
+    };
+    assert_eq!(pointers(&refuse(json!({ "widht": 10 }))), ["/params/widht"]);
+    assert_eq!(pointers(&refuse(json!({ "width": 0 }))), ["/params/width"]);
+    assert_eq!(pointers(&refuse(json!({ "width": "wide" }))), ["/params/width"]);
+    assert_eq!(pointers(&refuse(json!({ "environment": { "hdri": "none.hdr" } }))), ["/params/environment/hdri"]);
+    let problem = server.post("/v1/render?width=no", "model/gltf-binary", &triangle()).problem(422, "invalid_params");
+    assert_eq!(pointers(&problem), ["/params/width"]);
+}
+
+#[test]
+fn parameters_that_the_scene_cannot_meet() {
+    let server = Server::start();
+    let render = |query: &str| {
+        let path = format!("/v1/render?width=16&height=8&max_samples=2&{query}");
+        server.post(&path, "model/gltf-binary", &triangle()).problem(422, "invalid_params")
+    };
+    assert_eq!(pointers(&render("scene=7")), ["/params/scene"]);
+    assert!(pointers(&render("camera.index=3"))[0].starts_with("/params/camera"));
+}
+
+#[test]
+fn broken_scenes() {
+    let server = Server::start();
+    for (kind, bytes) in [
+        ("model/gltf-binary", &b"glTF\x02\0\0\0 cut"[..]),
+        ("model/gltf-binary", b"not a model"),
+        ("model/gltf+json", b"{\"asset\": {\"version\": \"9.0\"}}"),
+        ("application/zip", b"PK\x03\x04 cut"),
+    ] {
+        let reply = server.post("/v1/scenes", kind, bytes);
+        assert!((400..500).contains(&reply.status), "{reply:?}");
+        let problem = reply.problem(reply.status, reply.json()["code"].as_str().expect("a code"));
+        assert!(pointers(&problem)[0].starts_with("/scene"), "{problem}");
+    }
+}
+
+#[test]
+fn pictures_beyond_the_limits() {
+    let server = limited(Limits { picture_pixels: 1000, job_memory_bytes: 100_000, ..Limits::default() });
+    let scene = server.upload();
+    let post = |width: u32, height: u32| {
+        let params = json!({ "width": width, "height": height, "max_samples": 1 });
+        server.post_json("/v1/jobs", &json!({ "scene": scene, "params": params }))
+    };
+    assert!(pointers(&post(100, 100).problem(422, "invalid_params")).contains(&"/params/width"));
+    assert_eq!(pointers(&post(30, 30).problem(422, "limit_exceeded")), ["/params/width"]);
+    assert_eq!(post(10, 10).status, 202);
+}
+
+/// Sends bytes as they are, and answers the status and how long it took.
+fn raw(server: &Server, bytes: &[u8]) -> (String, Duration) {
+    let begun = Instant::now();
+    let mut stream = TcpStream::connect(server.address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    stream.write_all(bytes).unwrap();
+    let mut reply = [0; 12];
+    stream.read_exact(&mut reply).unwrap();
+    (String::from_utf8_lossy(&reply[9..]).into_owned(), begun.elapsed())
+}
+
+fn head(path: &str, kind: &str, more: &str) -> Vec<u8> {
+    format!("POST {path} HTTP/1.1\r\nhost: a\r\ncontent-type: {kind}\r\n{more}\r\n\r\n").into_bytes()
+}
+
+#[test]
+fn large_bodies_are_refused_before_they_are_read() {
+    let server = limited(Limits { upload_bytes: 100_000, ..Limits::default() });
+    let length = "content-length: 1000000000";
+    assert_eq!(raw(&server, &head("/v1/scenes", "model/gltf-binary", length)).0, "413");
+    assert_eq!(raw(&server, &head("/v1/render", "multipart/form-data; boundary=a", length)).0, "413");
+    assert_eq!(raw(&server, &head("/v1/jobs", "application/json", "content-length: 2000000")).0, "413");
+}
+
+#[test]
+fn large_bodies_of_unknown_length_are_cut_off() {
+    let server = limited(Limits { upload_bytes: 10_000, ..Limits::default() });
+    let chunk = [b"4000\r\n".as_slice(), &[7; 0x4000], b"\r\n"].concat();
+    let head = head("/v1/scenes", "model/gltf-binary", "transfer-encoding: chunked");
+    assert_eq!(raw(&server, &[head, chunk].concat()).0, "413");
+}
+
+#[test]
+fn slow_bodies_are_given_up() {
+    let server = limited(Limits { body_seconds: 1, ..Limits::default() });
+    let (status, time) = raw(&server, &head("/v1/scenes", "model/gltf-binary", "content-length: 100"));
+    assert_eq!(status, "408");
+    assert!(time < Duration::from_secs(4), "{time:?}");
+}
+
+#[test]
+fn the_number_of_parts_is_limited() {
+    let server = limited(Limits { form_parts: 2, ..Limits::default() });
+    let glb = triangle();
+    let params = tiny().to_string();
+    let fields =
+        [("scene", Some("a.glb"), glb.as_slice()), ("b", Some("b"), b"1"), ("params", None, params.as_bytes())];
+    server.post_form("/v1/render", &fields).problem(413, "payload_too_large");
+}
+
+#[test]
+fn a_request_keeps_its_id_if_it_is_plain() {
+    let server = Server::start();
+    let id = |given: &str| {
+        let reply = server.send("GET", "/healthz", &[("x-request-id", given)], &[]);
+        reply.header("x-request-id").map(str::to_owned)
+    };
+    assert_eq!(id("abc-123").as_deref(), Some("abc-123"));
+    assert_ne!(id("<script>").as_deref(), Some("<script>"));
+}
