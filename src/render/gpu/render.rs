@@ -50,7 +50,7 @@ impl GpuRender {
         resources: &Resources,
         scene: &GpuScene,
         environment: &GpuEnvironment,
-        work: Work,
+        work: &Work,
         film: Option<Film>,
     ) -> Result<Self, RenderError> {
         let (width, height) = (work.view.width, work.view.height);
@@ -61,7 +61,7 @@ impl GpuRender {
                 gpu.info.name
             )));
         }
-        let frame = uniform(gpu, "frame", bytemuck::bytes_of(&Frame::new(&work)));
+        let frame = uniform(gpu, "frame", bytemuck::bytes_of(&Frame::new(work)));
         let slice = uniform(gpu, "slice", &[0; size_of::<Slice>()]);
         let counters = buffer(gpu, "counters", 8, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC);
         let target = create_target(gpu, width, height);
