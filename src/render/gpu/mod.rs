@@ -62,7 +62,7 @@ impl Engine for GpuEngine {
             &self.resources,
             &scene,
             &environment,
-            work,
+            &work,
             film,
         )?;
         self.gpu.fault()?;
