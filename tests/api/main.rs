@@ -1,7 +1,7 @@
 //! The HTTP contract, tried out on a server of its own on a free port of this machine.
 //!
-//! Pictures are traced by a small engine of the tests, so that they are quick and same everywhere;
-//! with `CANDELA_TEST_ENGINE=gpu` by the real one.
+//! Pictures are traced by the real engine; with `CANDELA_TEST_ENGINE=test` by a small one of the tests, which needs no
+//! adapter. What goes wrong on a device is always played by the latter.
 
 mod contract;
 mod engine;
