@@ -7,6 +7,7 @@ mod contract;
 mod engine;
 mod events;
 mod faults;
+mod hostile;
 mod jobs;
 mod pages;
 mod queue;
