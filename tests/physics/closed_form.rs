@@ -51,6 +51,39 @@ fn point_light_over_a_plane() {
     }
 }
 
+/// A spot with a range over a diffuse plane, with both curves between its cones (KHR_lights_punctual; linear in the angle).
+#[test]
+fn spot_over_a_plane() {
+    for falloff in ["gltf", "linear"] {
+        let scene = scene(vec![(square(10.0), grey(1.0, 1.0, 0.0), DAffine3::IDENTITY)]);
+        let params = params(&format!(
+            r#"{{"lights":[{{"type":"spot","position":[0,2,0],"direction":[0,-1,0],"intensity":10,"range":3,
+                "inner_cone_degrees":20,"outer_cone_degrees":35,"falloff":"{falloff}"}}],"max_bounces":1,
+                "max_samples":256,"camera":{{"position":[0,5,0],"target":[0,0,0],"up":[0,0,-1],"yfov_degrees":40}}}}"#
+        ));
+        let picture = render(lambert(work(&scene, &params)));
+        let half = (20.0f64.to_radians()).tan() * 5.0;
+        let (inner, outer) = (20f64.to_radians(), 35f64.to_radians());
+        for (index, pixel) in picture.pixels.iter().enumerate() {
+            let (x, y) = ((index % 32) as f64, (index / 32) as f64);
+            let expected = pixel_mean(|u, v| {
+                let (px, pz) = (((x + u) / 16.0 - 1.0) * half, ((y + v) / 16.0 - 1.0) * half);
+                let d2 = px * px + pz * pz + 4.0;
+                let cosine = 2.0 / d2.sqrt();
+                let cone = if falloff == "gltf" {
+                    ((cosine - outer.cos()) / (inner.cos() - outer.cos())).clamp(0.0, 1.0).powi(2)
+                } else {
+                    ((outer - cosine.acos()) / (outer - inner)).clamp(0.0, 1.0)
+                };
+                let window = (1.0 - (d2 / 9.0).powi(2)).clamp(0.0, 1.0);
+                10.0 * cone * window / d2 * cosine / PI
+            });
+            let got = f64::from(pixel[0]);
+            assert!((got - expected).abs() < 2e-3, "{falloff}, pixel {index}: {got} for {expected}");
+        }
+    }
+}
+
 /// A sun at 1 degree above the horizon: radiance = albedo / pi * E sin(elevation).
 #[test]
 fn grazing_sun() {
