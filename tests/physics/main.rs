@@ -4,3 +4,4 @@ mod closed_form;
 mod direct;
 mod invariance;
 mod support;
+mod third_party;
