@@ -30,6 +30,9 @@ impl Gpu {
     pub fn new() -> Result<Self, RenderError> {
         let adapter = choose_adapter()?;
         let info = adapter.get_info();
+        if info.name.starts_with("llvmpipe") && info.driver_info.starts_with("Mesa 22.") {
+            tracing::warn!("lavapipe of {} leaks memory with every dispatch; install Mesa 25", info.driver_info);
+        }
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("candela"),
             required_features: wgpu::Features::empty(),
