@@ -1,5 +1,6 @@
 //! The command line: one file per subcommand.
 
+mod bench;
 mod demo;
 mod progress;
 mod render;
@@ -27,6 +28,8 @@ enum Command {
     Render(render::RenderArgs),
     /// Writes one of the scenes that Candela makes itself.
     Demo(demo::DemoArgs),
+    /// Measures this machine.
+    Bench(bench::BenchArgs),
 }
 
 /// Why a command failed.
@@ -55,6 +58,7 @@ pub fn main() -> ExitCode {
         Command::Serve(config) => serve::run(config),
         Command::Render(arguments) => render::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

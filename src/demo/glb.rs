@@ -14,6 +14,8 @@ const UNSIGNED_INT: u32 = 5125;
 #[derive(Default)]
 pub struct Glb {
     nodes: Vec<Value>,
+    /// Nodes of a second scene, which is not the default.
+    elsewhere: Vec<usize>,
     meshes: Vec<Value>,
     materials: Vec<Value>,
     textures: Vec<Value>,
@@ -29,6 +31,13 @@ pub struct Glb {
 /// Vertex and index data in the file, to be drawn with any material.
 #[derive(Clone)]
 pub struct Geometry(Value);
+
+impl Geometry {
+    /// Has the texture coordinates read a second time, as a second set.
+    pub fn repeat_coordinates(&mut self) {
+        self.0["attributes"]["TEXCOORD_1"] = self.0["attributes"]["TEXCOORD_0"].clone();
+    }
+}
 
 impl Glb {
     /// An empty file.
@@ -81,6 +90,12 @@ impl Glb {
         self.node("mesh", json!(mesh), placement);
     }
 
+    /// Adds a root node that shows a mesh in a second scene of the file.
+    pub fn place_elsewhere(&mut self, mesh: usize, placement: Value) {
+        self.elsewhere.push(self.nodes.len());
+        self.place(mesh, placement);
+    }
+
     /// Adds a shape with a material of its own, where it is.
     pub fn show(&mut self, shape: &Shape, material: Value) {
         let geometry = self.geometry(shape);
@@ -116,11 +131,16 @@ impl Glb {
     /// The bytes of the file.
     pub fn finish(mut self) -> Vec<u8> {
         pad(&mut self.binary, 0);
-        let roots: Vec<usize> = (0..self.nodes.len()).collect();
+        let (elsewhere, roots): (Vec<usize>, Vec<usize>) =
+            (0..self.nodes.len()).partition(|node| self.elsewhere.contains(node));
+        let mut scenes = vec![json!({"nodes": roots})];
+        if !elsewhere.is_empty() {
+            scenes.push(json!({"nodes": elsewhere}));
+        }
         let mut gltf = json!({
             "asset": {"version": "2.0", "generator": "Candela"},
             "scene": 0,
-            "scenes": [{"nodes": roots}],
+            "scenes": scenes,
             "buffers": [{"byteLength": self.binary.len()}],
         });
         if !self.lights.is_empty() {

@@ -2,6 +2,7 @@
 //!
 //! All in metres, +Y up, with a camera; the same bytes every time.
 
+mod burdens;
 mod glb;
 mod materials;
 mod shapes;
@@ -10,9 +11,11 @@ mod stress;
 mod studies;
 mod textures;
 
+pub use burdens::{Burden, Use, burdened, closed_room};
 pub use still_life::still_life;
 pub use stress::{many_emitters, many_instances};
 pub use studies::{bumpy_sphere, furnace, light_box, material_grid, plane_and_point_light, surface_detail};
+pub use textures::png;
 
 /// A scene that can be asked for by name.
 #[derive(Debug, Clone, Copy)]

@@ -56,16 +56,19 @@ pub fn light_box() -> Vec<u8> {
 /// A sphere with bumps of several sizes, of `8 * divisions^2` triangles, rough, of base colour 0.8. It has no light: give
 /// an environment.
 pub fn bumpy_sphere(divisions: u32) -> Vec<u8> {
-    let shape = Shape::displaced_sphere(divisions, |d| {
+    let mut glb = Glb::new();
+    glb.show(&bumps(divisions), surface([0.8; 3], 0.0, 1.0));
+    glb.camera("front", Vec3::new(0.0, 0.0, 4.2), Vec3::ZERO, 32.0);
+    glb.finish()
+}
+
+pub(super) fn bumps(divisions: u32) -> Shape {
+    Shape::displaced_sphere(divisions, |d| {
         let wave = |x: f64, y: f64, z: f64, frequency: f64| {
             (frequency * (d.x + x)).sin() * (frequency * (d.y + y)).sin() * (frequency * (d.z + z)).sin()
         };
         1.0 + 0.14 * wave(0.3, 1.1, 0.7, 5.0) + 0.05 * wave(0.9, 0.2, 1.7, 13.0) + 0.02 * wave(1.3, 0.6, 0.1, 31.0)
-    });
-    let mut glb = Glb::new();
-    glb.show(&shape, surface([0.8; 3], 0.0, 1.0));
-    glb.camera("front", Vec3::new(0.0, 0.0, 4.2), Vec3::ZERO, 32.0);
-    glb.finish()
+    })
 }
 
 /// A white sphere. Under a constant white sky it reflects, if no energy is lost, as much as it hides, and cannot be seen.

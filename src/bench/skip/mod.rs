@@ -1,0 +1,35 @@
+//! What it saves to leave out what a picture does not need, and that the picture stays the same.
+
+mod compare;
+mod files;
+mod kernel;
+mod pairs;
+mod reuse;
+
+use crate::render::Engine;
+use crate::render::gpu::GpuEngine;
+use anyhow::Result;
+use std::io::Write;
+
+/// Runs all comparisons with `rounds` interleaved rounds and writes three tables to `out`.
+///
+/// # Errors
+/// A device fault.
+pub fn run(engine: &mut GpuEngine, rounds: u32, out: &mut dyn Write) -> Result<()> {
+    writeln!(out, "On {}; best of {rounds} interleaved rounds.\n", super::machine(engine.device()))?;
+    writeln!(out, "| left out | scene | with it, ms | left out, ms | ratio | pictures |")?;
+    writeln!(out, "|---|---|---|---|---|---|")?;
+    for pairs in [kernel::pairs, pairs::pairs] {
+        for pair in pairs()? {
+            writeln!(out, "{}", compare::trace(engine, &pair, rounds)?)?;
+        }
+    }
+    writeln!(out, "\n| in the file, not in the picture | not in the file, ms | not drawn, ms | drawn, ms | pictures |")?;
+    writeln!(out, "|---|---|---|---|---|")?;
+    for file in files::all() {
+        writeln!(out, "{}", files::measure(engine, &file, rounds)?)?;
+    }
+    writeln!(out, "\n| done once | scene | first, ms | again, ms |")?;
+    writeln!(out, "|---|---|---|---|")?;
+    reuse::measure(engine, rounds, out)
+}

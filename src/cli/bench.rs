@@ -1,0 +1,62 @@
+//! `candela bench`.
+
+use super::Failure;
+use crate::bench;
+use crate::render::gpu::GpuEngine;
+use anyhow::Result;
+use clap::{Args, Subcommand};
+use std::io::Write;
+
+/// Arguments of `candela bench`.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    #[command(subcommand)]
+    what: What,
+}
+
+/// Each prints tables of Markdown on standard output.
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Paths per second on meshes of growing size, beside a native tracer.
+    Trace {
+        /// Names of demo scenes.
+        #[arg(long, value_delimiter = ',', default_values = ["bumpy-10k", "bumpy-160k", "bumpy-1m"])]
+        scenes: Vec<String>,
+        #[command(flatten)]
+        rounds: Rounds,
+    },
+    /// What it saves to leave out what a picture does not need, and that the picture stays the same.
+    Skip(Rounds),
+    /// Memory on the way from a file to the device. Linux only.
+    Memory {
+        /// Name of a demo scene.
+        #[arg(long, default_value = "bumpy-1m")]
+        scene: String,
+    },
+}
+
+#[derive(Debug, Clone, Copy, Args)]
+struct Rounds {
+    /// Interleaved rounds, of which the best counts.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(2..))]
+    rounds: u32,
+}
+
+/// Runs one.
+pub fn run(arguments: &BenchArgs) -> Result<(), Failure> {
+    measure(&arguments.what).map_err(|error| Failure::Machine(format!("{error:#}")))
+}
+
+fn measure(what: &What) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    let mut engine = GpuEngine::new()?;
+    match what {
+        What::Trace { scenes, rounds } => {
+            let scenes: Vec<&str> = scenes.iter().map(String::as_str).collect();
+            bench::trace::run(&mut engine, &scenes, rounds.rounds, &mut out)?;
+        }
+        What::Skip(rounds) => bench::skip::run(&mut engine, rounds.rounds, &mut out)?,
+        What::Memory { scene } => bench::memory::run(&mut engine, scene, &mut out)?,
+    }
+    Ok(out.flush()?)
+}
