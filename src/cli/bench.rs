@@ -27,6 +27,8 @@ enum What {
     },
     /// What it saves to leave out what a picture does not need, and that the picture stays the same.
     Skip(Rounds),
+    /// The service over HTTP: cold and warm, more clients than places, a small job beside a long one.
+    Http(Rounds),
     /// Memory on the way from a file to the device. Linux only.
     Memory {
         /// Name of a demo scene.
@@ -49,14 +51,14 @@ pub fn run(arguments: &BenchArgs) -> Result<(), Failure> {
 
 fn measure(what: &What) -> Result<()> {
     let mut out = std::io::stdout().lock();
-    let mut engine = GpuEngine::new()?;
     match what {
         What::Trace { scenes, rounds } => {
             let scenes: Vec<&str> = scenes.iter().map(String::as_str).collect();
-            bench::trace::run(&mut engine, &scenes, rounds.rounds, &mut out)?;
+            bench::trace::run(&mut GpuEngine::new()?, &scenes, rounds.rounds, &mut out)?;
         }
-        What::Skip(rounds) => bench::skip::run(&mut engine, rounds.rounds, &mut out)?,
-        What::Memory { scene } => bench::memory::run(&mut engine, scene, &mut out)?,
+        What::Skip(rounds) => bench::skip::run(&mut GpuEngine::new()?, rounds.rounds, &mut out)?,
+        What::Http(rounds) => bench::http::run(rounds.rounds, &mut out)?,
+        What::Memory { scene } => bench::memory::run(&mut GpuEngine::new()?, scene, &mut out)?,
     }
     Ok(out.flush()?)
 }
