@@ -16,6 +16,9 @@ const TILE: u32 = 8;
 const SLICE_TARGET: Duration = Duration::from_millis(35);
 /// Paths of the first dispatch, before anything has been measured.
 const FIRST_SLICE_PATHS: f64 = 16384.0;
+/// Fewest paths of a dispatch: on a busy machine each dispatch waits for a core, and if that alone took the target time,
+/// slices would shrink to one tile and the waits would be all there is.
+const LEAST_SLICE_PATHS: f64 = 4096.0;
 /// Most workgroups of one dispatch in one dimension (WebGPU's least limit).
 const MAX_WORKGROUPS: u32 = 65535;
 /// Bytes to which rows are aligned when a texture is copied to a buffer.
@@ -240,7 +243,7 @@ impl Render for GpuRender {
 /// Paths of the next dispatch: towards the target time, at most four times more or less at once.
 fn adapted(wanted: f64, paths: f64, elapsed: Duration) -> f64 {
     let rate = paths / elapsed.as_secs_f64().max(1e-6);
-    (rate * SLICE_TARGET.as_secs_f64()).clamp(wanted / 4.0, wanted * 4.0)
+    (rate * SLICE_TARGET.as_secs_f64()).clamp(wanted / 4.0, wanted * 4.0).max(LEAST_SLICE_PATHS)
 }
 
 /// A step through `tiles` that visits each once and puts neighbours far apart.
