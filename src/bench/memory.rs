@@ -3,8 +3,8 @@
 
 use crate::compile::compile_scene;
 use crate::demo;
-use crate::render::prepare::prepare;
 use crate::render::Engine;
+use crate::render::prepare::prepare;
 use crate::scene::{self, Package};
 use anyhow::{Context, Result};
 use serde_json::json;
@@ -51,7 +51,11 @@ pub fn run(engine: &mut dyn Engine, demo: &str, out: &mut dyn Write) -> Result<(
     row("on the device (a software device's memory is this process's too)")?;
     drop(render);
     let pace = stats.triangles as f64 / stats.bvh_seconds / 1e6;
-    writeln!(out, "\nTrees over {} triangles: {:.2} s, {pace:.2} million triangles/s.", stats.triangles, stats.bvh_seconds)?;
+    writeln!(
+        out,
+        "\nTrees over {} triangles: {:.2} s, {pace:.2} million triangles/s.",
+        stats.triangles, stats.bvh_seconds
+    )?;
     Ok(())
 }
 
@@ -66,7 +70,8 @@ fn resident() -> Result<Resident> {
     let status = std::fs::read_to_string("/proc/self/status").context("this needs Linux's /proc/self/status")?;
     let field = |name: &str| {
         let line = status.lines().find_map(|line| line.strip_prefix(name));
-        let kib = line.and_then(|line| line.trim_start_matches(':').trim().strip_suffix(" kB")?.trim().parse::<u64>().ok());
+        let kib =
+            line.and_then(|line| line.trim_start_matches(':').trim().strip_suffix(" kB")?.trim().parse::<u64>().ok());
         kib.map(|kib| kib << 10).with_context(|| format!("/proc/self/status has no {name}"))
     };
     Ok(Resident { now: field("VmRSS")?, peak: field("VmHWM")? })

@@ -2,6 +2,7 @@
 
 use super::Failure;
 use crate::bench;
+use crate::render::Engine;
 use crate::render::gpu::GpuEngine;
 use anyhow::Result;
 use clap::{Args, Subcommand};
@@ -54,7 +55,9 @@ fn measure(what: &What) -> Result<()> {
     match what {
         What::Trace { scenes, rounds } => {
             let scenes: Vec<&str> = scenes.iter().map(String::as_str).collect();
-            bench::trace::run(&mut GpuEngine::new()?, &scenes, rounds.rounds, &mut out)?;
+            let mut engine = GpuEngine::new()?;
+            writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(engine.device()), rounds.rounds)?;
+            bench::trace::run(&mut engine, &scenes, rounds.rounds, &mut out)?;
         }
         What::Skip(rounds) => bench::skip::run(&mut GpuEngine::new()?, rounds.rounds, &mut out)?,
         What::Http(rounds) => bench::http::run(rounds.rounds, &mut out)?,

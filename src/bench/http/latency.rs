@@ -27,7 +27,11 @@ struct Timing {
 /// seed for a scene that the server has traced, best of `rounds`.
 pub fn run(rounds: u32, out: &mut dyn Write) -> Result<()> {
     writeln!(out, "600 x 250 pixels, 16 samples. Seconds; from the POST of the scene's bytes, except the stages.\n")?;
-    writeln!(out, "| scene | server | scene stored | first preview | picture received | of that: {} |", STAGES.join(" | "))?;
+    writeln!(
+        out,
+        "| scene | server | scene stored | first preview | picture received | of that: {} |",
+        STAGES.join(" | ")
+    )?;
     writeln!(out, "|---{}|", "|---".repeat(4 + STAGES.len()))?;
     for name in ["still-life", "grid", "bumpy-160k"] {
         let glb = demo::by_name(name).with_context(|| format!("there is no demo {name}"))?;

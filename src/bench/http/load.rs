@@ -30,13 +30,26 @@ pub fn crowd(out: &mut dyn Write) -> Result<()> {
     let server = Server::start(Limits { queue_length: QUEUE, active_renders: 2, ..Limits::default() })?;
     let client = Client(server.address);
     let fates: Vec<Fate> = std::thread::scope(|scope| {
-        let clients: Vec<_> = (0..CLIENTS).map(|seed| (seed, &glb)).map(|(seed, glb)| scope.spawn(move || one_shot(client, glb, seed))).collect();
-        clients.into_iter().map(|client| client.join().unwrap_or_else(|_| Err(anyhow::anyhow!("a client panicked")))).collect::<Result<_>>()
+        let clients: Vec<_> = (0..CLIENTS)
+            .map(|seed| (seed, &glb))
+            .map(|(seed, glb)| scope.spawn(move || one_shot(client, glb, seed)))
+            .collect();
+        clients
+            .into_iter()
+            .map(|client| client.join().unwrap_or_else(|_| Err(anyhow::anyhow!("a client panicked"))))
+            .collect::<Result<_>>()
     })?;
-    let pictures: Vec<_> = fates.iter().filter_map(|fate| if let Fate::Picture(time) = fate { Some(*time) } else { None }).collect();
-    let refusals: Vec<_> = fates.iter().filter_map(|fate| if let Fate::Refused(time) = fate { Some(*time) } else { None }).collect();
-    let slowest = |times: &[Duration]| times.iter().max().map_or_else(|| "-".to_owned(), |time| format!("{:.2}", time.as_secs_f64()));
-    writeln!(out, "{CLIENTS} clients at once, 256 x 256 pixels, 16 samples; two renders at a time, a queue of {QUEUE}.\n")?;
+    let pictures: Vec<_> =
+        fates.iter().filter_map(|fate| if let Fate::Picture(time) = fate { Some(*time) } else { None }).collect();
+    let refusals: Vec<_> =
+        fates.iter().filter_map(|fate| if let Fate::Refused(time) = fate { Some(*time) } else { None }).collect();
+    let slowest = |times: &[Duration]| {
+        times.iter().max().map_or_else(|| "-".to_owned(), |time| format!("{:.2}", time.as_secs_f64()))
+    };
+    writeln!(
+        out,
+        "{CLIENTS} clients at once, 256 x 256 pixels, 16 samples; two renders at a time, a queue of {QUEUE}.\n"
+    )?;
     writeln!(out, "| accepted, all with a picture | slowest, s | refused, all with Retry-After | slowest, s |")?;
     writeln!(out, "|---|---|---|---|")?;
     writeln!(out, "| {} | {} | {} | {} |", pictures.len(), slowest(&pictures), refusals.len(), slowest(&refusals))?;

@@ -46,6 +46,7 @@ pub fn measure(engine: &mut dyn Engine, file: &File, rounds: u32) -> Result<Stri
     }
     let [absent, unused, used] = best.map(|time| time.as_secs_f64() * 1e3);
     let equality = [1, 2].map(|other| Equality::of(&pictures[0], &pictures[other]));
-    let equality = if equality[0] == equality[1] { equality[0].to_string() } else { format!("{}; {}", equality[0], equality[1]) };
+    let equality =
+        if equality[0] == equality[1] { equality[0].to_string() } else { format!("{}; {}", equality[0], equality[1]) };
     Ok(format!("| {} | {absent:.0} | {unused:.0} | {used:.0} | {equality} |", file.what))
 }

@@ -24,7 +24,10 @@ pub fn run(engine: &mut GpuEngine, rounds: u32, out: &mut dyn Write) -> Result<(
             writeln!(out, "{}", compare::trace(engine, &pair, rounds)?)?;
         }
     }
-    writeln!(out, "\n| in the file, not in the picture | not in the file, ms | not drawn, ms | drawn, ms | pictures |")?;
+    writeln!(
+        out,
+        "\n| in the file, not in the picture | not in the file, ms | not drawn, ms | drawn, ms | pictures |"
+    )?;
     writeln!(out, "|---|---|---|---|---|")?;
     for file in files::all() {
         writeln!(out, "{}", files::measure(engine, &file, rounds)?)?;

@@ -72,7 +72,10 @@ fn useless_lights(what: &'static str, useless: Value) -> Result<Pair> {
     let lights = |fields: &Value| -> Value {
         let light = |index: usize| {
             let mut light = json!({"type": "point", "position": [index as f64 * 0.01, 50, 0]});
-            light.as_object_mut().into_iter().for_each(|light| light.extend(fields.as_object().cloned().unwrap_or_default()));
+            light
+                .as_object_mut()
+                .into_iter()
+                .for_each(|light| light.extend(fields.as_object().cloned().unwrap_or_default()));
             light
         };
         (0..LIGHTS).map(light).collect()
