@@ -44,11 +44,14 @@ pub fn compiled(scene: &Scene, params: Value) -> Result<Work> {
     work(scene, compile::compile_scene(scene, None)?, params, None)
 }
 
+/// Switches a part of the kernel on.
+type Switch = fn(&mut Features);
+
 /// All comparisons.
 pub fn pairs() -> Result<Vec<Pair>> {
     let white = params(json!({"environment": {"constant": [1, 1, 1]}}));
     let bumpy = compiled(&demo_scene("bumpy-160k")?, white.clone())?;
-    let of_bumpy: [(&str, fn(&mut Features)); 8] = [
+    let of_bumpy: [(&str, Switch); 8] = [
         ("alpha test", |f| f.alpha = true),
         ("base colour textures", |f| f.base_color_texture = true),
         ("metallic-roughness textures", |f| f.metallic_roughness_texture = true),

@@ -21,8 +21,8 @@ pub fn pairs() -> Result<Vec<Pair>> {
         second_level("bumpy-160k, one mesh", "bumpy-160k", DVec3::ZERO, white.clone())?,
         second_level("still-life, 20 meshes", "still-life", DVec3::new(0.0, -0.03, 0.5), json!({}))?,
         alpha_of_opaque_texels()?,
-        useless_lights("1,000 lights of no power", json!({"intensity": 0}))?,
-        useless_lights("1,000 lights out of range", json!({"intensity": 1, "range": 0.5}))?,
+        useless_lights("1,000 lights of no power", &json!({"intensity": 0}))?,
+        useless_lights("1,000 lights out of range", &json!({"intensity": 1, "range": 0.5}))?,
         slivers(white)?,
         unseen_environment()?,
     ])
@@ -67,7 +67,7 @@ fn alpha_of_opaque_texels() -> Result<Pair> {
 
 /// The other way has as many lights in the same places that are just not nothing, which is what not to leave them
 /// out would cost. They are picked at random beside the lamp, so that the noise is another.
-fn useless_lights(what: &'static str, useless: Value) -> Result<Pair> {
+fn useless_lights(what: &'static str, useless: &Value) -> Result<Pair> {
     let scene = demo_scene("plane")?;
     let lights = |fields: &Value| -> Value {
         let light = |index: usize| {
@@ -82,7 +82,7 @@ fn useless_lights(what: &'static str, useless: Value) -> Result<Pair> {
     };
     let with = |fields: &Value| compiled(&scene, params(json!({"lights": lights(fields), "max_samples": 16})));
     let full = with(&json!({"intensity": 1e-20}))?;
-    Ok(Pair { what, scene: "plane under a point light", lean: with(&useless)?, full })
+    Ok(Pair { what, scene: "plane under a point light", lean: with(useless)?, full })
 }
 
 /// As many triangles again, of no area; and the same with an area so small that they stay.
