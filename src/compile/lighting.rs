@@ -127,22 +127,23 @@ pub struct Hdri {
     pub height: u32,
     /// Row by row from the top, linear RGB.
     pub texels: Vec<[f32; 3]>,
-    /// Alias table over the cells between texel centres: `width` columns, `height + 1` rows (the first and the last
-    /// row are half cells at the poles). Cell (i, j) spans u from (i + 0.5) / width to (i + 1.5) / width
-    /// and v from max(j - 0.5, 0) / height to min(j + 0.5, height) / height.
-    pub cells: Vec<AliasCell>,
+    /// Cells between texel centres: `width` columns, `height + 1` rows (the first and the last row are half cells at the
+    /// poles). Cell (i, j) spans u from (i + 0.5) / width to (i + 1.5) / width and v from max(j - 0.5, 0) / height to
+    /// min(j + 0.5, height) / height.
+    pub cells: Vec<EnvironmentCell>,
+    /// Distribution function over the rows of cells: probability of this row or one above it.
+    pub rows: Vec<f32>,
     /// Integral of luminance over the sphere.
     pub power: f32,
 }
 
-/// Entry of the environment's alias table.
-#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
+/// A cell of an environment. Cells are found by inverting distribution functions rather than by an alias table, which
+/// would tear apart the neighbourhoods that well-spread samples rely on.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct AliasCell {
-    /// Probability of keeping this cell.
-    pub keep: f32,
-    /// The other cell.
-    pub alias: u32,
+pub struct EnvironmentCell {
+    /// Distribution function within the row: probability, given the row, of this cell or one before it.
+    pub cumulative: f32,
     /// Density over solid angle within the cell (1/sr); constant, cells being sampled uniformly in solid angle.
     pub pdf: f32,
 }

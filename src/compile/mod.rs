@@ -43,7 +43,9 @@ pub use compiled::{
 pub use features::{Features, features};
 pub use geometry::compile_scene;
 pub use hdri::{HdriError, decode_hdri};
-pub use lighting::{AliasCell, Environment, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight};
+pub use lighting::{
+    Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight,
+};
 pub use lights::light;
 pub use walk::{Placed, camera_nodes, chosen_scene};
 

@@ -66,7 +66,7 @@ fn environment_densities_follow_luminance() {
         let (i, j) = (cell % 16, cell / 16);
         let mean = [(0, j.saturating_sub(1)), (1, j.saturating_sub(1)), (0, j), (1, j)].map(|(di, j)| lum(i + di, j));
         let expected = mean.iter().sum::<f64>() / 4.0 / f64::from(hdri.power);
-        assert!((f64::from(entry.pdf) / expected - 1.0).abs() < 1e-5, "cell {cell}: {} {expected}", entry.pdf);
+        assert!((f64::from(entry.pdf) / expected - 1.0).abs() < 1e-3, "cell {cell}: {} {expected}", entry.pdf);
     }
 }
 

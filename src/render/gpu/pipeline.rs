@@ -131,14 +131,13 @@ fn bindings() -> [wgpu::BindGroupLayoutEntry; 16] {
     let float = wgpu::TextureSampleType::Float { filterable: false };
     let pages = texture(float, wgpu::TextureViewDimension::D2Array);
     let table = texture(float, wgpu::TextureViewDimension::D2);
-    let cells = texture(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2);
     let film = wgpu::BindingType::StorageTexture {
         access: wgpu::StorageTextureAccess::WriteOnly,
         format: wgpu::TextureFormat::Rgba32Float,
         view_dimension: wgpu::TextureViewDimension::D2,
     };
     let types =
-        [uniform, uniform, read, read, read, read, read, read, read, write, pages, pages, table, cells, table, film];
+        [uniform, uniform, read, read, read, read, read, read, read, write, pages, pages, table, table, table, film];
     let mut binding = 0;
     types.map(|ty| {
         let entry = wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };

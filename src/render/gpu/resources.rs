@@ -53,7 +53,7 @@ impl Resources {
             texture(gpu, "albedo table", (TABLE_WIDTH, TABLE_HEIGHT, 1), wgpu::TextureFormat::Rg32Float, bytes);
         let no_environment = Arc::new(GpuEnvironment {
             texels: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rgba32Float, &[0; 16]),
-            cells: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rgba32Uint, &[0; 16]),
+            cells: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rg32Float, &[0; 8]),
         });
         Self { albedo, scenes: Vec::new(), environments: Vec::new(), no_environment }
     }
@@ -124,20 +124,24 @@ fn upload_pages(
 
 fn upload_environment(gpu: &Gpu, hdri: &Hdri) -> Result<GpuEnvironment, RenderError> {
     let limit = gpu.device.limits().max_texture_dimension_2d;
-    if hdri.width > limit || hdri.height >= limit {
+    if hdri.width >= limit || hdri.height >= limit {
         return Err(RenderError::TooLarge(format!(
             "the environment has {} x {} texels, {} takes {limit} a side",
             hdri.width, hdri.height, gpu.info.name
         )));
     }
     let texels: Vec<[f32; 4]> = hdri.texels.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
-    let cells: Vec<[u32; 4]> =
-        hdri.cells.iter().map(|cell| [cell.keep.to_bits(), cell.alias, cell.pdf.to_bits(), 0]).collect();
+    // A last column holds the distribution function of the rows.
+    let mut cells: Vec<[f32; 2]> = Vec::with_capacity(hdri.cells.len() + hdri.rows.len());
+    for (row, below) in hdri.cells.chunks_exact(hdri.width as usize).zip(&hdri.rows) {
+        cells.extend(row.iter().map(|cell| [cell.cumulative, cell.pdf]));
+        cells.push([*below, 0.0]);
+    }
     let size = (hdri.width, hdri.height, 1);
-    let cells_size = (hdri.width, hdri.height + 1, 1);
+    let cells_size = (hdri.width + 1, hdri.height + 1, 1);
     Ok(GpuEnvironment {
         texels: texture(gpu, "environment", size, wgpu::TextureFormat::Rgba32Float, bytemuck::cast_slice(&texels)),
-        cells: texture(gpu, "environment", cells_size, wgpu::TextureFormat::Rgba32Uint, bytemuck::cast_slice(&cells)),
+        cells: texture(gpu, "environment", cells_size, wgpu::TextureFormat::Rg32Float, bytemuck::cast_slice(&cells)),
     })
 }
 
