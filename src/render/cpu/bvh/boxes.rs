@@ -142,8 +142,7 @@ impl<S: Simd> Slabs<S> {
                 (rows[0][axis], rows[1][axis]) = (axis + 3, axis);
             }
         }
-        let splat = |values: [f32; 3]| values.map(S::F32::splat);
-        Self { inverse: splat(inverse), near: splat(near), far: splat(far), rows, unit: length * scale }
+        Self { inverse: splat::<S>(inverse), near: splat::<S>(near), far: splat::<S>(far), rows, unit: length * scale }
     }
 
     /// A t of the ray as a distance in box units, rounded up.
@@ -155,14 +154,24 @@ impl<S: Simd> Slabs<S> {
     /// Tests the eight boxes. Returns a bit for each that the ray meets before `limit`, and where it enters them (not negative).
     #[inline(always)]
     pub fn enter(&self, node: &Node, limit: f32) -> (u32, [f32; 8]) {
-        let crossing = |axis: usize, end: usize| {
-            // SAFETY: the rows are made in `new`, from the numbers below 6.
-            let planes = S::F32::load(unsafe { node.planes.get_unchecked(self.rows[end][axis]) });
-            planes.mul_sub(self.inverse[axis], if end == 0 { self.near[axis] } else { self.far[axis] })
-        };
-        let near = crossing(0, 0).max(crossing(1, 0)).max(crossing(2, 0)).max(S::F32::splat(0.0));
-        let far = crossing(0, 1).min(crossing(1, 1)).min(crossing(2, 1));
+        let near = self.crossing::<0>(node, 0).max(self.crossing::<0>(node, 1)).max(self.crossing::<0>(node, 2));
+        let far = self.crossing::<1>(node, 0).min(self.crossing::<1>(node, 1)).min(self.crossing::<1>(node, 2));
+        let near = near.max(S::F32::splat(0.0));
         let far = (far * S::F32::splat(WIDEN)).min(S::F32::splat(limit));
         (near.at_most(far), near.to_array())
     }
+    /// Where the ray crosses the near planes (`END` 0) or the far ones (1) of an axis.
+    #[inline(always)]
+    fn crossing<const END: usize>(&self, node: &Node, axis: usize) -> S::F32 {
+        // SAFETY: the rows are made in `new`, from the numbers below 6.
+        let planes = unsafe { node.planes.get_unchecked(self.rows[END][axis]) };
+        let shift = if END == 0 { self.near[axis] } else { self.far[axis] };
+        S::F32::load(planes).mul_sub(self.inverse[axis], shift)
+    }
+}
+
+/// Each number in all lanes.
+#[inline(always)]
+fn splat<S: Simd>(values: [f32; 3]) -> [S::F32; 3] {
+    [S::F32::splat(values[0]), S::F32::splat(values[1]), S::F32::splat(values[2])]
 }

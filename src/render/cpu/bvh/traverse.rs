@@ -56,46 +56,53 @@ fn search_avx2<A: FnMut(&Hit) -> bool, const ANY: bool>(bvh: &Bvh, ray: &Ray, ac
 #[inline(always)]
 fn search_with<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool>(bvh: &Bvh, ray: &Ray, accept: A) -> Option<Hit> {
     let best = Hit { t: ray.t_max, u: 0.0, v: 0.0, triangle: 0, instance: 0 };
-    let mut search = Search::<A, ANY> { best, found: false, accept };
+    let mut search = Search::<A, ANY> { bvh, best, found: false, accept };
     match &bvh.top {
-        None => search.tree::<S>(bvh, &bvh.trees[0], 0, ray.origin, ray.direction),
+        None => search.tree::<S>(&bvh.trees[0], 0, ray.origin, ray.direction),
         Some(top) => {
-            let slabs = Slabs::<S>::new(ray.origin, ray.direction, top.scale);
-            walk(&bvh.nodes, top.root, &slabs, slabs.limit(ray.t_max), |leaf| {
-                let instance = &bvh.instances[leaf];
-                let origin = instance.to_object.transform_point3(ray.origin);
-                let direction = instance.to_object.transform_vector3(ray.direction);
-                search.tree::<S>(bvh, &bvh.trees[instance.tree as usize], leaf as u32, origin, direction);
-                if ANY && search.found { -1.0 } else { slabs.limit(search.best.t) }
-            });
+            let slabs = Slabs::new(ray.origin, ray.direction, top.scale);
+            let limit = slabs.limit(ray.t_max);
+            walk(
+                &bvh.nodes,
+                top.root,
+                &slabs,
+                limit,
+                InstanceLeaves::<S, A, ANY> { ray, slabs: &slabs, search: &mut search },
+            );
         }
     }
     search.found.then_some(search.best)
 }
 
 /// What has been found so far.
-struct Search<A, const ANY: bool> {
+struct Search<'a, A, const ANY: bool> {
+    bvh: &'a Bvh,
     best: Hit,
     found: bool,
     accept: A,
 }
 
-impl<A: FnMut(&Hit) -> bool, const ANY: bool> Search<A, ANY> {
+impl<A: FnMut(&Hit) -> bool, const ANY: bool> Search<'_, A, ANY> {
     /// Searches the triangles of one tree, in its space.
     #[inline(always)]
-    fn tree<S: Simd>(&mut self, bvh: &Bvh, tree: &Tree, instance: u32, origin: DVec3, direction: DVec3) {
-        let slabs = Slabs::<S>::new(origin, direction, tree.scale);
+    fn tree<S: Simd>(&mut self, tree: &Tree, instance: u32, origin: DVec3, direction: DVec3) {
+        let slabs = Slabs::new(origin, direction, tree.scale);
         let shear = Shear::new(origin, direction);
-        walk(&bvh.nodes, tree.root, &slabs, slabs.limit(self.best.t), |leaf| {
-            let block = &bvh.blocks[leaf];
-            if let Some(hits) = intersect::<S>(block, &shear, self.best.t) {
-                self.take(block, &hits, instance);
-                if ANY && self.found {
-                    return -1.0;
-                }
-            }
-            slabs.limit(self.best.t)
-        });
+        let limit = slabs.limit(self.best.t);
+        let nodes = &self.bvh.nodes;
+        walk(
+            nodes,
+            tree.root,
+            &slabs,
+            limit,
+            BlockLeaves::<S, A, ANY> { shear, slabs: &slabs, instance, search: self },
+        );
+    }
+
+    /// How far to look from now on.
+    #[inline(always)]
+    fn limit<S: Simd>(&self, slabs: &Slabs<S>) -> f32 {
+        if ANY && self.found { -1.0 } else { slabs.limit(self.best.t) }
     }
 
     #[inline(always)]
@@ -122,6 +129,52 @@ impl<A: FnMut(&Hit) -> bool, const ANY: bool> Search<A, ANY> {
     }
 }
 
+/// What a walk does with the leaves that it comes to.
+///
+/// Traits and not closures: these would not take on the target features of the function that they end up in.
+trait Leaves {
+    /// Looks into a leaf and returns the limit from there on; a negative one ends the walk.
+    fn visit(&mut self, leaf: usize) -> f32;
+}
+
+/// Leaves are blocks of triangles.
+struct BlockLeaves<'s, 'a, S: Simd, A, const ANY: bool> {
+    shear: Shear,
+    slabs: &'s Slabs<S>,
+    instance: u32,
+    search: &'s mut Search<'a, A, ANY>,
+}
+
+impl<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool> Leaves for BlockLeaves<'_, '_, S, A, ANY> {
+    #[inline(always)]
+    fn visit(&mut self, leaf: usize) -> f32 {
+        let block = &self.search.bvh.blocks[leaf];
+        if let Some(hits) = intersect::<S>(block, &self.shear, self.search.best.t) {
+            self.search.take(block, &hits, self.instance);
+        }
+        self.search.limit(self.slabs)
+    }
+}
+
+/// Leaves are instances.
+struct InstanceLeaves<'s, 'a, S: Simd, A, const ANY: bool> {
+    ray: &'s Ray,
+    slabs: &'s Slabs<S>,
+    search: &'s mut Search<'a, A, ANY>,
+}
+
+impl<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool> Leaves for InstanceLeaves<'_, '_, S, A, ANY> {
+    #[inline(always)]
+    fn visit(&mut self, leaf: usize) -> f32 {
+        let bvh = self.search.bvh;
+        let instance = &bvh.instances[leaf];
+        let origin = instance.to_object.transform_point3(self.ray.origin);
+        let direction = instance.to_object.transform_vector3(self.ray.direction);
+        self.search.tree::<S>(&bvh.trees[instance.tree as usize], leaf as u32, origin, direction);
+        self.search.limit(self.slabs)
+    }
+}
+
 /// Children that were met and wait, each with the distance at which the ray enters it.
 struct Stack {
     entries: [MaybeUninit<u64>; STACK],
@@ -132,6 +185,14 @@ struct Stack {
 #[inline(always)]
 fn entry(child: Child, distance: f32) -> u64 {
     u64::from(distance.to_bits()) << 32 | u64::from(child.bits())
+}
+
+/// Takes the lowest bit, of which there must be one, and returns the entry of its child.
+#[inline(always)]
+fn take_first(node: &Node, met: &mut u32, distances: &[f32; 8]) -> u64 {
+    let slot = (met.trailing_zeros() & 7) as usize;
+    *met &= *met - 1;
+    entry(node.children[slot], distances[slot])
 }
 
 impl Stack {
@@ -154,6 +215,22 @@ impl Stack {
         self.entries[at].write(entry);
     }
 
+    /// Takes up the children that were met (a bit each) and hands out the nearest.
+    #[inline(always)]
+    fn push_all_but_nearest(&mut self, node: &Node, mut met: u32, distances: &[f32; 8]) -> Option<Child> {
+        if met == 0 {
+            return None;
+        }
+        let base = self.len;
+        let mut nearest = take_first(node, &mut met, distances);
+        while met != 0 {
+            let another = take_first(node, &mut met, distances);
+            self.push_sorted(nearest.max(another), base);
+            nearest = nearest.min(another);
+        }
+        Some(Child::from_bits(nearest as u32))
+    }
+
     /// The child on top, without those that lie beyond the limit.
     #[inline(always)]
     fn pop(&mut self, limit: f32) -> Option<Child> {
@@ -169,41 +246,21 @@ impl Stack {
     }
 }
 
-/// Hands the leaves that the ray meets before `limit` to `visit`, roughly from near to far; it returns the limit from there on
-/// (a negative one ends the walk).
+/// Hands the leaves that the ray meets before `limit` to `leaves`, roughly from near to far.
 #[inline(always)]
-fn walk<S: Simd>(nodes: &[Node], root: u32, slabs: &Slabs<S>, mut limit: f32, mut visit: impl FnMut(usize) -> f32) {
-    let mut stack = Stack { entries: [MaybeUninit::uninit(); STACK], len: 0 };
+fn walk<S: Simd>(nodes: &[Node], root: u32, slabs: &Slabs<S>, mut limit: f32, mut leaves: impl Leaves) {
+    let mut stack = Stack { entries: [const { MaybeUninit::uninit() }; STACK], len: 0 };
     let mut current = Child::node(root);
     loop {
         while !current.is_leaf() {
             let node = &nodes[current.index()];
-            let (mut met, distances) = slabs.enter(node, limit);
-            let mut next = || {
-                let slot = (met.trailing_zeros() & 7) as usize;
-                let any = met != 0;
-                met &= met.wrapping_sub(1);
-                any.then(|| entry(node.children[slot], distances[slot]))
+            let (met, distances) = slabs.enter(node, limit);
+            let Some(nearest) = stack.push_all_but_nearest(node, met, &distances).or_else(|| stack.pop(limit)) else {
+                return;
             };
-            let Some(first) = next() else {
-                let Some(child) = stack.pop(limit) else { return };
-                current = child;
-                continue;
-            };
-            let Some(second) = next() else {
-                current = Child::from_bits(first as u32);
-                continue;
-            };
-            let base = stack.len;
-            stack.push(first.max(second));
-            let mut nearest = first.min(second);
-            while let Some(another) = next() {
-                stack.push_sorted(nearest.max(another), base);
-                nearest = nearest.min(another);
-            }
-            current = Child::from_bits(nearest as u32);
+            current = nearest;
         }
-        limit = visit(current.index());
+        limit = leaves.visit(current.index());
         let Some(child) = stack.pop(limit) else { return };
         current = child;
     }

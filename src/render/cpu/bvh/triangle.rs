@@ -89,18 +89,9 @@ pub struct BlockHits {
 /// The triangles that the ray hits at a t that is not negative and at most `t_max`.
 #[inline(always)]
 pub fn intersect<S: Simd>(block: &Block, ray: &Shear, t_max: f64) -> Option<BlockHits> {
-    let [shear_x, shear_y, shear_z] = ray.shear.map(S::F64::splat);
-    let [origin_x, origin_y, origin_z] = ray.origin.map(S::F64::splat);
-    let [axis_x, axis_y, axis_z] = ray.axes;
-    let sheared = |vertex: &[[f32; 4]; 3]| {
-        let z = S::F64::widen(&vertex[axis_z]) - origin_z;
-        let x = S::F64::widen(&vertex[axis_x]) - origin_x - shear_x * z;
-        let y = S::F64::widen(&vertex[axis_y]) - origin_y - shear_y * z;
-        (x, y, z)
-    };
-    let (ax, ay, az) = sheared(&block.vertices[0]);
-    let (bx, by, bz) = sheared(&block.vertices[1]);
-    let (cx, cy, cz) = sheared(&block.vertices[2]);
+    let (ax, ay, az) = sheared::<S>(&block.vertices[0], ray);
+    let (bx, by, bz) = sheared::<S>(&block.vertices[1], ray);
+    let (cx, cy, cz) = sheared::<S>(&block.vertices[2], ray);
     // Weights of the three vertices, not yet divided by their sum.
     let a = cx * by - cy * bx;
     let b = ax * cy - ay * cx;
@@ -111,9 +102,19 @@ pub fn intersect<S: Simd>(block: &Block, ray: &Shear, t_max: f64) -> Option<Bloc
         return None;
     }
     let sum = a + b + c;
-    let t = (a * az + b * bz + c * cz) * shear_z / sum;
+    let t = (a * az + b * bz + c * cz) * S::F64::splat(ray.shear[2]) / sum;
     // A sum of zero (the ray lies in the triangle's plane) gives NaN or an infinity: not below any t_max, or told apart
     // by the caller, who asks for less than what it has.
     let lanes = inside & zero.at_most(t) & t.at_most(S::F64::splat(t_max));
     (lanes != 0).then(|| BlockHits { lanes, t: t.to_array(), u: (b / sum).to_array(), v: (c / sum).to_array() })
+}
+
+/// A vertex of each lane in the ray's space; z not yet scaled.
+#[inline(always)]
+fn sheared<S: Simd>(vertex: &[[f32; 4]; 3], ray: &Shear) -> (S::F64, S::F64, S::F64) {
+    let [x, y, z] = ray.axes;
+    let z = S::F64::widen(&vertex[z]) - S::F64::splat(ray.origin[2]);
+    let x = S::F64::widen(&vertex[x]) - S::F64::splat(ray.origin[0]) - S::F64::splat(ray.shear[0]) * z;
+    let y = S::F64::widen(&vertex[y]) - S::F64::splat(ray.origin[1]) - S::F64::splat(ray.shear[1]) * z;
+    (x, y, z)
 }
