@@ -1,5 +1,6 @@
 //! Paths per second on meshes of growing size, beside a native tracer in the same run.
 
+use super::diffuse::Diffuse;
 use super::yardstick::{Pinhole, Yardstick};
 use crate::compile::{self, CompiledScene};
 use crate::render::Work;
@@ -22,8 +23,10 @@ const CAMERA: Pinhole = Pinhole { eye: Vec3::new(0.0, 1.2, 3.9), yfov_degrees: 4
 /// # Errors
 /// No such demo, no adapter, or a device fault.
 pub fn run(engine: &mut GpuEngine, demos: &[&str], rounds: u32, out: &mut dyn Write) -> Result<()> {
-    writeln!(out, "| triangles | tree ms | Mtri/s | bytes/tri | compute Mpaths/s | native Mpaths/s | ratio | means |")?;
-    writeln!(out, "|---|---|---|---|---|---|---|---|")?;
+    let columns = ["triangles", "tree ms", "Mtri/s", "bytes/tri", "cpu tree ms", "cpu bytes/tri", "cpu node, leaf"];
+    let rates = ["compute Mpaths/s", "cpu Mpaths/s", "obvhs Mpaths/s", "compute/obvhs", "cpu/obvhs", "means"];
+    writeln!(out, "| {} | {} |", columns.join(" | "), rates.join(" | "))?;
+    writeln!(out, "{}|", "|---".repeat(columns.len() + rates.len()))?;
     for demo in demos {
         run_mesh(engine, &mesh(demo)?, rounds, out)?;
     }
@@ -34,33 +37,53 @@ fn run_mesh(engine: &mut GpuEngine, scene: &Scene, rounds: u32, out: &mut dyn Wr
     let compiled = Arc::new(compile::compile_scene(scene, None)?);
     let primitive = &scene.meshes[0].primitives[0];
     let yardstick = Yardstick::new(&primitive.positions, &primitive.triangles);
-    let (mut compute, mut native) = (0.0f64, 0.0f64);
-    let (mut mean, mut native_mean) = (0.0, 0.0);
+    let begun = Instant::now();
+    let diffuse = Diffuse::new(&compiled);
+    let cpu_build = begun.elapsed();
+    // Compute, CPU, obvhs: paths per second and mean of the picture.
+    let (mut rates, mut means) = ([0.0f64; 3], [0.0; 3]);
     for round in 0..=rounds {
-        let (rate, value) = time_compute(engine, diffuse_work(scene, &compiled, round)?)?;
-        let begun = Instant::now();
-        let native_value = yardstick.render(CAMERA, SIDE, ALBEDO, SEGMENTS, round);
-        let native_rate = f64::from(SIDE * SIDE) / begun.elapsed().as_secs_f64();
+        let measured = [
+            time_compute(engine, diffuse_work(scene, &compiled, round)?)?,
+            time(|| diffuse.render(CAMERA, SIDE, f64::from(ALBEDO), SEGMENTS, round)),
+            time(|| yardstick.render(CAMERA, SIDE, ALBEDO, SEGMENTS, round)),
+        ];
         // The first round warms up.
-        if round > 0 {
-            compute = compute.max(rate);
-            native = native.max(native_rate);
-            mean += value / f64::from(rounds);
-            native_mean += native_value / f64::from(rounds);
+        for (tracer, (rate, mean)) in measured.into_iter().enumerate().filter(|_| round > 0) {
+            rates[tracer] = rates[tracer].max(rate);
+            means[tracer] += mean / f64::from(rounds);
         }
     }
     let triangles = compiled.triangles.len() as f64;
+    let stats = diffuse.bvh().stats();
+    let [compute, cpu, obvhs] = rates;
     let row = format!(
-        "| {triangles} | {:.0} | {:.2} | {:.0} | {:.2} | {:.2} | {:.2} | {mean:.4} {native_mean:.4} |",
+        "| {triangles} | {:.0} | {:.2} | {:.0} | {:.0} | {:.0} | {:.1}, {:.1} | {:.2} | {:.2} | {:.2} | {:.2} | {:.2} | {:.4} {:.4} {:.4} |",
         compiled.stats.bvh_seconds * 1e3,
         triangles / compiled.stats.bvh_seconds / 1e6,
         bytes(&compiled) / triangles,
+        cpu_build.as_secs_f64() * 1e3,
+        stats.bytes as f64 / triangles,
+        stats.children_per_node,
+        stats.triangles_per_block,
         compute / 1e6,
-        native / 1e6,
-        compute / native,
+        cpu / 1e6,
+        obvhs / 1e6,
+        compute / obvhs,
+        cpu / obvhs,
+        means[0],
+        means[1],
+        means[2],
     );
     writeln!(out, "{row}")?;
     Ok(())
+}
+
+/// (paths per second, mean of the picture) of one sample a pixel on the processor.
+fn time(render: impl FnOnce() -> f64) -> (f64, f64) {
+    let begun = Instant::now();
+    let mean = render();
+    (f64::from(SIDE * SIDE) / begun.elapsed().as_secs_f64(), mean)
 }
 
 /// (paths per second, mean of the picture)

@@ -1,5 +1,6 @@
 //! Engines: (CompiledScene, Lighting, View, Settings) -> Film, in slices.
 
+pub mod cpu;
 pub mod gpu;
 pub mod prepare;
 pub mod report;

@@ -1,0 +1,177 @@
+//! Eight boxes against one ray, in f32, never missing what the f64 ray meets.
+//!
+//! Boxes are stored in units of their tree, in which all coordinates lie in [-1, 1]. With `o` the origin and `d` the
+//! direction in these units, `d` scaled so that its largest component is 1, the ray crosses the plane `b` of an axis at
+//! `(b - o) / d`, evaluated as `b i - c`, where `i` is `1 / d` in f32. Why the interval of a box that the ray meets is
+//! never empty (compare Ize 2013, "Robust BVH Ray Traversal"):
+//!
+//! - `i` has a relative error, and so has the last rounding, of some 2^-24 each. Both act on the whole crossing: its sign is
+//!   right, and its size is off by a factor within `WIDEN`, by which the far ends are multiplied. (`1 / d` in f32 of a `d`
+//!   rounded to f32: 2 roundings; subtraction: 1; the same for the other end: 6 in all, which 2^-20 covers.)
+//! - `c` is `o i` by f64, moved to the next f32 outwards: up for the near planes, down for the far ones. Where multiply
+//!   and subtract are not fused, `b i` is rounded too, by at most 2^-24 |i| as |b| <= 1: half of `PAD`.
+//! - A component that is zero, or nearly, is replaced by one too small to matter: a ray leaves the unit box at a t of
+//!   at most `1 + |o|`, by when the replacement has moved it by less than 2^-25: the other half of `PAD`. This makes
+//!   rays within the plane of a face meet the box, whose crossing would else be `0 * infinity`.
+//! - Crossings that overflow become infinite with the right sign; `c` is kept finite, so no NaN comes up.
+
+use super::simd::{F32x8, Lanes, Simd};
+use crate::compile::Bounds;
+use glam::DVec3;
+
+/// Bound of the relative error of crossings.
+const WIDEN: f32 = 1.0 + 1.0 / (1 << 20) as f32;
+/// By how much boxes are grown, in their units.
+const PAD: f64 = 1.0 / (1 << 23) as f64;
+/// Least component of a direction, times the distance of what the ray can reach.
+const LEAST: f64 = 1.0 / (1 << 27) as f64;
+
+/// What hangs below a node in one place: a node or a leaf.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Child(u32);
+
+impl Child {
+    const LEAF: u32 = 1 << 31;
+    /// Nothing; its box is empty and never met.
+    pub const NONE: Self = Self(u32::MAX);
+
+    /// A node by its index.
+    pub fn node(index: u32) -> Self {
+        debug_assert!(index & Self::LEAF == 0);
+        Self(index)
+    }
+
+    /// A leaf by its index.
+    pub fn leaf(index: u32) -> Self {
+        debug_assert!(index & Self::LEAF == 0);
+        Self(index | Self::LEAF)
+    }
+
+    /// From [`Child::bits`].
+    #[inline(always)]
+    pub fn from_bits(bits: u32) -> Self {
+        Self(bits)
+    }
+
+    /// As one number.
+    #[inline(always)]
+    pub fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// Whether it is a leaf.
+    #[inline(always)]
+    pub fn is_leaf(self) -> bool {
+        self.0 & Self::LEAF != 0
+    }
+
+    /// Index of the node or leaf.
+    #[inline(always)]
+    pub fn index(self) -> usize {
+        (self.0 & !Self::LEAF) as usize
+    }
+}
+
+/// A node: up to eight children and their boxes.
+#[derive(Debug, Clone)]
+#[repr(C, align(32))]
+pub struct Node {
+    /// Minima along x, y and z, then maxima; in units of the tree.
+    planes: [[f32; 8]; 6],
+    /// What is in the boxes.
+    pub children: [Child; 8],
+}
+
+impl Node {
+    /// From boxes, and the factor (a power of two) that takes them to the tree's units. Empty boxes are never met.
+    pub fn new(boxes: &[Bounds; 8], children: [Child; 8], scale: f64) -> Self {
+        let mut planes = [[f32::INFINITY; 8], [f32::NEG_INFINITY; 8]].map(|ends| [ends; 3]);
+        for (slot, bounds) in boxes.iter().enumerate().filter(|(_, bounds)| !bounds.is_empty()) {
+            let scaled = Bounds::outwards(bounds.min.as_dvec3() * scale, bounds.max.as_dvec3() * scale);
+            for axis in 0..3 {
+                planes[0][axis][slot] = scaled.min[axis];
+                planes[1][axis][slot] = scaled.max[axis];
+            }
+        }
+        let [[a, b, c], [d, e, f]] = planes;
+        Self { planes: [a, b, c, d, e, f], children }
+    }
+}
+
+impl Node {
+    /// Children in use.
+    pub fn len(&self) -> usize {
+        self.children.iter().filter(|child| **child != Child::NONE).count()
+    }
+}
+
+/// A ray as the boxes of one tree see it.
+pub struct Slabs<S: Simd> {
+    /// `1 / d`.
+    inverse: [S::F32; 3],
+    /// `c` of the near planes.
+    near: [S::F32; 3],
+    /// `c` of the far planes.
+    far: [S::F32; 3],
+    /// Rows of [`Node::planes`] that are met first, and last; all below 6.
+    rows: [[usize; 3]; 2],
+    /// Box units of one t of the ray.
+    unit: f64,
+}
+
+impl<S: Simd> Slabs<S> {
+    /// For a ray whose direction is finite and not zero, and a tree with this factor to its units.
+    #[inline(always)]
+    pub fn new(origin: DVec3, direction: DVec3, scale: f64) -> Self {
+        let origin = origin * scale;
+        let length = direction.abs().max_element();
+        let direction = direction * (1.0 / length);
+        let least = LEAST / (1.0 + origin.abs().max_element());
+        let mut inverse = [0.0f32; 3];
+        let mut near = [0.0f32; 3];
+        let mut far = [0.0f32; 3];
+        let mut rows = [[0, 1, 2], [3, 4, 5]];
+        for axis in 0..3 {
+            let d = direction[axis].abs().max(least).copysign(direction[axis]);
+            let i = 1.0 / d as f32;
+            let (c, pad) = (origin[axis] * f64::from(i), PAD * f64::from(i.abs()));
+            inverse[axis] = i;
+            near[axis] = ((c + pad) as f32).next_up().clamp(f32::MIN, f32::MAX);
+            far[axis] = ((c - pad) as f32).next_down().clamp(f32::MIN, f32::MAX);
+            if i < 0.0 {
+                (rows[0][axis], rows[1][axis]) = (axis + 3, axis);
+            }
+        }
+        Self { inverse: splat::<S>(inverse), near: splat::<S>(near), far: splat::<S>(far), rows, unit: length * scale }
+    }
+
+    /// A t of the ray as a distance in box units, rounded up.
+    #[inline(always)]
+    pub fn limit(&self, t: f64) -> f32 {
+        (t * self.unit) as f32 * WIDEN
+    }
+
+    /// Tests the eight boxes. Returns a bit for each that the ray meets before `limit`, and where it enters them (not negative).
+    #[inline(always)]
+    pub fn enter(&self, node: &Node, limit: f32) -> (u32, [f32; 8]) {
+        let near = self.crossing::<0>(node, 0).max(self.crossing::<0>(node, 1)).max(self.crossing::<0>(node, 2));
+        let far = self.crossing::<1>(node, 0).min(self.crossing::<1>(node, 1)).min(self.crossing::<1>(node, 2));
+        let near = near.max(S::F32::splat(0.0));
+        let far = (far * S::F32::splat(WIDEN)).min(S::F32::splat(limit));
+        (near.at_most(far), near.to_array())
+    }
+    /// Where the ray crosses the near planes (`END` 0) or the far ones (1) of an axis.
+    #[inline(always)]
+    fn crossing<const END: usize>(&self, node: &Node, axis: usize) -> S::F32 {
+        // SAFETY: the rows are made in `new`, from the numbers below 6.
+        let planes = unsafe { node.planes.get_unchecked(self.rows[END][axis]) };
+        let shift = if END == 0 { self.near[axis] } else { self.far[axis] };
+        S::F32::load(planes).mul_sub(self.inverse[axis], shift)
+    }
+}
+
+/// Each number in all lanes.
+#[inline(always)]
+fn splat<S: Simd>(values: [f32; 3]) -> [S::F32; 3] {
+    [S::F32::splat(values[0]), S::F32::splat(values[1]), S::F32::splat(values[2])]
+}

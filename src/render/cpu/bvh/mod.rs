@@ -1,0 +1,120 @@
+//! Rays against triangles: a float BVH of eight children per node, blocks of four triangles as leaves.
+//!
+//! Boxes are tested in f32, conservatively ([`boxes`]); triangles in f64, watertight ([`triangle`]). A hit depends on the
+//! scene and the ray alone: neither on the vector unit nor on the order of the tree.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+mod boxes;
+mod build;
+mod simd;
+#[cfg(test)]
+mod tests;
+mod traverse;
+mod triangle;
+
+use boxes::Node;
+use glam::{DAffine3, DVec3};
+use traverse::Unit;
+use triangle::Block;
+
+/// A ray in world space relative to [`CompiledScene::origin`](crate::compile::CompiledScene::origin).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ray {
+    /// Where it starts.
+    pub origin: DVec3,
+    /// Where it goes; of any length but zero.
+    pub direction: DVec3,
+    /// Hits lie strictly between 0 and this multiple of the direction.
+    pub t_max: f64,
+}
+
+/// Where a ray meets a triangle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// Multiple of the ray's direction.
+    pub t: f64,
+    /// Weight of the triangle's second vertex.
+    pub u: f64,
+    /// Weight of its third vertex.
+    pub v: f64,
+    /// Index into [`CompiledScene::triangles`](crate::compile::CompiledScene::triangles).
+    pub triangle: u32,
+    /// Index into [`CompiledScene::instances`](crate::compile::CompiledScene::instances).
+    pub instance: u32,
+}
+
+/// The trees of a scene.
+#[derive(Debug)]
+pub struct Bvh {
+    /// Of all trees.
+    nodes: Vec<Node>,
+    /// Leaves of the triangles' trees.
+    blocks: Vec<Block>,
+    /// Tree of the instances, whose leaves are instances; none: the one instance is the world itself.
+    top: Option<Tree>,
+    /// Trees of triangles.
+    trees: Vec<Tree>,
+    instances: Vec<Instance>,
+    unit: Unit,
+}
+
+/// One tree among the nodes.
+#[derive(Debug, Clone, Copy)]
+struct Tree {
+    root: u32,
+    /// Power of two that takes coordinates to the units of its boxes.
+    scale: f64,
+}
+
+/// A placed tree.
+#[derive(Debug, Clone, Copy)]
+struct Instance {
+    to_object: DAffine3,
+    /// Index into [`Bvh::trees`].
+    tree: u32,
+}
+
+/// What a [`Bvh`] is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stats {
+    /// Nodes of all trees.
+    pub nodes: usize,
+    /// Children per node.
+    pub children_per_node: f64,
+    /// Leaves of four triangles at most.
+    pub blocks: usize,
+    /// Triangles per leaf.
+    pub triangles_per_block: f64,
+    /// Memory.
+    pub bytes: usize,
+}
+
+impl Bvh {
+    /// The nearest hit. `accept` is asked about triangles with [`ALPHA`](crate::compile::Triangle::ALPHA) only, at most once each and in
+    /// no particular order; false lets the ray pass.
+    ///
+    /// Of hits at the same distance it is that of the lowest instance and triangle. A ray that is not finite or has no
+    /// direction meets nothing.
+    pub fn closest(&self, ray: &Ray, accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
+        traverse::search::<false>(self, ray, accept)
+    }
+
+    /// Whether there is any hit; `accept` as in [`Bvh::closest`].
+    pub fn occluded(&self, ray: &Ray, accept: impl FnMut(&Hit) -> bool) -> bool {
+        traverse::search::<true>(self, ray, accept).is_some()
+    }
+
+    /// What it is made of.
+    pub fn stats(&self) -> Stats {
+        let children: usize = self.nodes.iter().map(Node::len).sum();
+        let triangles: usize = self.blocks.iter().map(Block::len).sum();
+        Stats {
+            nodes: self.nodes.len(),
+            children_per_node: children as f64 / self.nodes.len().max(1) as f64,
+            blocks: self.blocks.len(),
+            triangles_per_block: triangles as f64 / self.blocks.len().max(1) as f64,
+            bytes: size_of_val(&self.nodes[..]) + size_of_val(&self.blocks[..]) + size_of_val(&self.instances[..]),
+        }
+    }
+}

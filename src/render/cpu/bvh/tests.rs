@@ -1,0 +1,1 @@
+//! Hits against a search through all triangles, on both vector units.
