@@ -3,7 +3,8 @@
 
 use crate::compile::compile_scene;
 use crate::demo;
-use crate::render::Engine;
+use crate::render::Engine as _;
+use crate::render::gpu::GpuEngine;
 use crate::render::prepare::prepare;
 use crate::scene::{self, Package};
 use anyhow::{Context, Result};
@@ -23,7 +24,7 @@ struct Resident {
 ///
 /// # Errors
 /// No `/proc`, or a device fault.
-pub fn run(engine: &mut dyn Engine, demo: &str, out: &mut dyn Write) -> Result<()> {
+pub fn run(engine: &mut GpuEngine, demo: &str, out: &mut dyn Write) -> Result<()> {
     writeln!(out, "On {}; {demo}.\n", super::machine(engine.device()))?;
     writeln!(out, "| stage | resident, MiB | its peak, MiB | peak above the start, bytes per triangle |")?;
     writeln!(out, "|---|---|---|---|")?;

@@ -2,7 +2,6 @@
 
 use super::Failure;
 use crate::bench;
-use crate::render::Engine;
 use crate::render::gpu::GpuEngine;
 use anyhow::Result;
 use clap::{Args, Subcommand};

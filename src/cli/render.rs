@@ -7,10 +7,9 @@ use super::{Failure, demo};
 use crate::compile::{self, Hdri};
 use crate::film;
 use crate::params::{EnvironmentChoice, RenderParams};
-use crate::render::gpu::GpuEngine;
 use crate::render::prepare::{Prepared, prepare, render_to_end};
 use crate::render::report::{Report, Stages};
-use crate::render::{Engine, RenderError};
+use crate::render::{Engine, Engines, RenderError};
 use crate::scene::{self, Package};
 use clap::Args;
 use std::io::Write;
@@ -53,8 +52,7 @@ pub fn run(arguments: &RenderArgs) -> Result<(), Failure> {
         return Err(Failure::Request("--json and --output - both want standard output: give a file to one".into()));
     }
     let (prepared, stages) = load(&arguments.scene, &request.params)?;
-    let mut engine = GpuEngine::new().map_err(|error| failure(&error))?;
-    let (bytes, report) = picture(&mut engine, prepared, stages, &request.params, arguments.quiet)?;
+    let (bytes, report) = picture(&mut Engines::new(), prepared, stages, &request.params, arguments.quiet)?;
     write(&request.target, &bytes)?;
     tell(arguments, &request, &report)
 }
@@ -117,8 +115,8 @@ fn picture(
         error: error.map(|error| error.relative_rms),
         error_bound_95: error.map(|error| error.upper_bound_95),
         seed: params.seed,
-        engine: "gpu",
-        device: engine.device().clone(),
+        engine: rendered.device.engine,
+        device: rendered.device,
         stop_reason: rendered.reason,
         seconds: stages,
         biases,

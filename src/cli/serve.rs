@@ -4,7 +4,7 @@ use super::Failure;
 use crate::config::ServeConfig;
 use crate::http;
 use crate::jobs::Service;
-use crate::render::gpu::GpuEngine;
+use crate::render::Engines;
 use anyhow::Context;
 use std::io::IsTerminal;
 use std::time::Duration;
@@ -34,7 +34,7 @@ async fn serve(config: ServeConfig) -> anyhow::Result<()> {
     let listener =
         TcpListener::bind(config.listen).await.with_context(|| format!("cannot listen on {}", config.listen))?;
     let address = listener.local_addr()?;
-    let service = Service::start(config.limits, Box::new(|| Ok(Box::new(GpuEngine::new()?)))).await?;
+    let service = Service::start(config.limits, Box::new(|| Ok(Box::new(Engines::new())))).await?;
     tracing::info!("listening on http://{address}");
     http::serve(listener, service, asked_to_stop()?, Duration::from_secs(config.drain_seconds)).await?;
     tracing::info!("stopped");

@@ -63,12 +63,13 @@ pub fn light(
     Ok((lighting, defaults))
 }
 
-/// Half to each where both shine: either may dominate at a given point.
+/// A sky without detail is found by the surface's own sampling; only a picture is sampled on purpose. Half of the samples where
+/// lights shine too: either may dominate at a given point.
 fn environment_probability(lighting: &Lighting, path: bool) -> f32 {
-    match (path && shines(&lighting.environment), lighting.picks.is_empty()) {
-        (false, _) => 0.0,
-        (true, true) => 1.0,
-        (true, false) => 0.5,
+    match &lighting.environment.kind {
+        EnvironmentKind::Hdri(_) if path && lighting.picks.is_empty() => 1.0,
+        EnvironmentKind::Hdri(_) if path && shines(&lighting.environment) => 0.5,
+        _ => 0.0,
     }
 }
 

@@ -56,7 +56,7 @@ fn outcome(ended: Ended) -> Result<Outcome, Problem> {
         error: error.map(|error| error.relative_rms),
         error_bound_95: error.map(|error| error.upper_bound_95),
         seed: job.params.seed,
-        engine: "gpu",
+        engine: device.engine,
         device,
         stop_reason: reason,
         seconds: stages,

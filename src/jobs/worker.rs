@@ -154,9 +154,9 @@ impl Worker {
         let mut ready = ready;
         ready.stages.queue = (seconds(ready.job.accepted.elapsed()) - ready.stages.compile).max(0.0);
         match self.engine_begin(&ready.prepared.work, None) {
-            Ok((render, device)) => {
+            Ok(render) => {
                 ready.stages.device_upload = seconds(now.elapsed());
-                if ready.job.start(&device) {
+                if ready.job.start(&render.device().name) {
                     let started = Instant::now();
                     self.active.push(Active {
                         ready,
@@ -180,17 +180,16 @@ impl Worker {
         }
     }
 
-    fn engine_begin(&mut self, work: &Work, film: Option<Film>) -> Result<(Box<dyn Render>, String), Fault> {
+    fn engine_begin(&mut self, work: &Work, film: Option<Film>) -> Result<Box<dyn Render>, Fault> {
         let engine = match &mut self.engine {
             Some(engine) => engine,
             missing => missing.insert((self.factory)().map_err(Fault::Render)?),
         };
         let begun = guarded(|| engine.begin(work.clone(), film));
-        let device = engine.device().name.clone();
         if let Err(Fault::Render(RenderError::DeviceLost(_))) = begun {
             self.engine = None;
         }
-        Ok((begun?, device))
+        begun
     }
 
     fn whose_turn(&self) -> Option<usize> {
@@ -227,11 +226,10 @@ impl Worker {
         let Active { ready, render, claim, attained, started, .. } = active;
         let samples = render.film().samples();
         self.pace.learn(pixel_samples(&ready.prepared.work, samples), attained);
-        let non_finite = render.non_finite();
+        let (non_finite, device) = (render.non_finite(), render.device().clone());
         let Ok(film) = guarded(|| Ok(render.into_film())) else {
             return self.fail(&ready.job, Fault::Panic.into());
         };
-        let Some(device) = self.engine.as_ref().map(|engine| engine.device().clone()) else { return };
         let mut stages = ready.stages;
         stages.trace = seconds(attained);
         let cut = reason == StopReason::Deadline && started.elapsed() >= self.shared.render_time;
@@ -265,7 +263,7 @@ impl Worker {
                 self.engine_begin(&active.ready.prepared.work, Some(film))
             };
             match again {
-                Ok((render, _)) => self.active.push(Active { render, ..active }),
+                Ok(render) => self.active.push(Active { render, ..active }),
                 Err(fault) => self.fail(&active.ready.job, fault.into()),
             }
         }

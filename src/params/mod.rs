@@ -103,8 +103,10 @@ pub enum Mode {
 pub enum EngineChoice {
     /// The server chooses; the reply says what it chose.
     Auto,
-    /// The wgpu compute tracer.
+    /// The wgpu compute tracer, f32.
     Gpu,
+    /// The tracer for processors, f64.
+    Cpu,
 }
 
 /// A camera of the scene by index or name, or one given in place, or an orbit around the scene.
@@ -260,6 +262,17 @@ pub struct Filter {
 impl Default for Filter {
     fn default() -> Self {
         Self { kind: FilterKind::BlackmanHarris, radius: None }
+    }
+}
+
+impl Filter {
+    /// Half width in pixels.
+    pub fn radius(&self) -> f32 {
+        self.radius.unwrap_or(match self.kind {
+            FilterKind::Box => 0.5,
+            FilterKind::Triangle => 1.0,
+            FilterKind::Gaussian | FilterKind::BlackmanHarris => 1.5,
+        })
     }
 }
 

@@ -1,14 +1,19 @@
 //! Engines: (CompiledScene, Lighting, View, Settings) -> Film, in slices.
 
+pub mod albedo;
 pub mod cpu;
+mod engines;
 pub mod gpu;
 pub mod prepare;
 pub mod report;
 pub mod schedule;
+mod slice;
+
+pub use engines::Engines;
 
 use crate::compile::{CompiledScene, Features, Lighting, View};
 use crate::film::Film;
-use crate::params::Mode;
+use crate::params::{EngineChoice, Mode};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -30,6 +35,8 @@ pub struct Work {
 /// Transport parameters and stop criteria of one picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
+    /// Who traces.
+    pub engine: EngineChoice,
     /// Transport.
     pub mode: Mode,
     /// Scattering events per path; none: unlimited.
@@ -81,11 +88,14 @@ pub struct NonFinite {
 /// What traces.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct DeviceInfo {
+    /// `gpu` or `cpu`, as a request names it.
+    #[serde(skip)]
+    pub engine: &'static str,
     /// Name that the driver gives.
     pub name: String,
-    /// `vulkan`, `metal`, `dx12`.
+    /// `vulkan`, `metal`, `dx12`, `cpu`.
     pub backend: String,
-    /// Driver and version.
+    /// Driver and version; of a processor the instructions in use.
     pub driver: String,
     /// False for software rasterisers.
     pub hardware: bool,
@@ -105,17 +115,17 @@ pub enum RenderError {
     NoAdapter(String),
 }
 
-/// A device and what it holds. Lives on one thread.
+/// Something that traces, and what it holds. Lives on one thread.
 pub trait Engine {
-    /// What traces.
-    fn device(&self) -> &DeviceInfo;
-
     /// Starts a render: uploads what the device does not hold yet. `film`: what an earlier, lost device had made.
     fn begin(&mut self, work: Work, film: Option<Film>) -> Result<Box<dyn Render>, RenderError>;
 }
 
 /// A render under way.
 pub trait Render {
+    /// What traces.
+    fn device(&self) -> &DeviceInfo;
+
     /// Traces one slice, at most about 50 ms on any device, and returns why the render ended, if it has.
     fn step(&mut self) -> Result<Option<StopReason>, RenderError>;
 

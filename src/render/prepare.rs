@@ -1,6 +1,6 @@
 //! The one way from a scene and a request to [`Work`], and from [`Work`] to a film where nothing else wants the device.
 
-use super::{Engine, NonFinite, RenderError, Settings, StopReason, Work};
+use super::{DeviceInfo, Engine, NonFinite, RenderError, Settings, StopReason, Work};
 use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Hdri};
 use crate::film::Film;
 use crate::params::RenderParams;
@@ -45,6 +45,7 @@ pub fn prepare(
 impl From<&RenderParams> for Settings {
     fn from(params: &RenderParams) -> Self {
         Self {
+            engine: params.engine,
             mode: params.mode,
             max_bounces: params.max_bounces,
             multiple_scattering: params.multiple_scattering,
@@ -65,6 +66,8 @@ pub struct Rendered {
     pub reason: StopReason,
     /// Dropped samples.
     pub non_finite: NonFinite,
+    /// What traced.
+    pub device: DeviceInfo,
     /// Upload and pipelines.
     pub device_upload: Duration,
     /// Tracing.
@@ -100,8 +103,15 @@ pub fn render_to_end(
         let elapsed = begun.elapsed();
         progress(Progress { fraction: render.progress(), film: render.film(), elapsed });
         if let Some(reason) = ended {
-            let non_finite = render.non_finite();
-            return Ok(Rendered { film: render.into_film(), reason, non_finite, device_upload, trace: elapsed });
+            let (non_finite, device) = (render.non_finite(), render.device().clone());
+            return Ok(Rendered {
+                film: render.into_film(),
+                reason,
+                non_finite,
+                device,
+                device_upload,
+                trace: elapsed,
+            });
         }
     }
 }

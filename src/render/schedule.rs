@@ -99,10 +99,11 @@ fn round_end(count: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::params::Mode;
+    use crate::params::{EngineChoice, Mode};
 
     fn settings(max_samples: u32) -> Settings {
         Settings {
+            engine: EngineChoice::Auto,
             mode: Mode::Path,
             max_bounces: None,
             multiple_scattering: true,

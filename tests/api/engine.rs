@@ -2,8 +2,7 @@
 
 use candela::film::Film;
 use candela::jobs::EngineFactory;
-use candela::render::gpu::GpuEngine;
-use candela::render::{DeviceInfo, Engine, NonFinite, Render, RenderError, StopReason, Work};
+use candela::render::{DeviceInfo, Engine, Engines, NonFinite, Render, RenderError, StopReason, Work};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -32,7 +31,7 @@ pub const FAULTY_SEED: u32 = 666;
 pub fn any() -> EngineFactory {
     match std::env::var("CANDELA_TEST_ENGINE").as_deref() {
         Ok("test") => faulty(Fault::None, 0),
-        _ => Box::new(|| Ok(Box::new(GpuEngine::new()?))),
+        _ => Box::new(|| Ok(Box::new(Engines::new()))),
     }
 }
 
@@ -41,6 +40,7 @@ pub fn faulty(fault: Fault, losses: u32) -> EngineFactory {
     let (losses_at_first, losses) = (losses, Arc::new(AtomicU32::new(losses)));
     Box::new(move || {
         let info = DeviceInfo {
+            engine: "gpu",
             name: "test".to_owned(),
             backend: "none".to_owned(),
             driver: "none".to_owned(),
@@ -58,10 +58,6 @@ struct TestEngine {
 }
 
 impl Engine for TestEngine {
-    fn device(&self) -> &DeviceInfo {
-        &self.info
-    }
-
     fn begin(&mut self, work: Work, film: Option<Film>) -> Result<Box<dyn Render>, RenderError> {
         let fault = if work.settings.seed == FAULTY_SEED { self.fault } else { Fault::None };
         if fault == Fault::TooLarge {
@@ -73,11 +69,12 @@ impl Engine for TestEngine {
             return Err(RenderError::TooLarge("the film is missing".to_owned()));
         }
         let film = film.unwrap_or_else(|| Film::new(work.view.width, work.view.height));
-        Ok(Box::new(TestRender { film, work, fault, losses: Arc::clone(&self.losses) }))
+        Ok(Box::new(TestRender { info: self.info.clone(), film, work, fault, losses: Arc::clone(&self.losses) }))
     }
 }
 
 struct TestRender {
+    info: DeviceInfo,
     film: Film,
     work: Work,
     fault: Fault,
@@ -101,6 +98,10 @@ impl TestRender {
 }
 
 impl Render for TestRender {
+    fn device(&self) -> &DeviceInfo {
+        &self.info
+    }
+
     fn step(&mut self) -> Result<Option<StopReason>, RenderError> {
         self.go_wrong()?;
         std::thread::sleep(STEP);

@@ -2,14 +2,26 @@
 
 use crate::support::{assert_near, grey, lambert, mean, params, render, scene, sphere, square, work, work_with_hdri};
 use candela::compile::Hdri;
+use candela::params::EngineChoice;
 use candela::scene::{AlphaMode, Material};
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
+on_both_engines! {
+    white_sphere_vanishes_in_a_white_sky,
+    point_light_over_a_plane,
+    spot_over_a_plane,
+    grazing_sun,
+    square_lamp_over_a_plane,
+    closed_furnace,
+    rough_metal_matches_the_formula,
+    plane_under_an_hdri,
+    blend_is_coverage,
+}
+
 /// A white sphere in a constant sky of radiance 1 must be invisible, whatever its roughness and metalness.
-#[test]
-fn white_sphere_vanishes_in_a_white_sky() {
+fn white_sphere_vanishes_in_a_white_sky(engine: EngineChoice) {
     for metallic in [0.0, 0.5, 1.0] {
         for roughness in [0.0, 0.1, 0.3, 0.6, 1.0] {
             let scene = scene(vec![(sphere(64), grey(1.0, roughness, metallic), DAffine3::IDENTITY)]);
@@ -17,14 +29,13 @@ fn white_sphere_vanishes_in_a_white_sky() {
                 r#"{"environment":{"constant":[1,1,1]},"max_samples":256,
                     "camera":{"position":[0,0,4],"target":[0,0,0],"yfov_degrees":20}}"#,
             );
-            assert_near(mean(&render(work(&scene, &params)), 1), 1.0, 1e-3);
+            assert_near(mean(&render(engine, work(&scene, &params)), 1), 1.0, 1e-3);
         }
     }
 }
 
 /// A point light over a diffuse plane: radiance = albedo / pi * I cos / d^2, at the size of a room, an atom, a planet.
-#[test]
-fn point_light_over_a_plane() {
+fn point_light_over_a_plane(engine: EngineChoice) {
     for scale in [1.0, 1e-4, 1e4] {
         let scene = scene(vec![(square(10.0 * scale as f32), grey(1.0, 1.0, 0.0), DAffine3::IDENTITY)]);
         let params = params(&format!(
@@ -36,7 +47,7 @@ fn point_light_over_a_plane() {
             10.0 * scale * scale,
             5.0 * scale
         ));
-        let picture = render(lambert(work(&scene, &params)));
+        let picture = render(engine, lambert(work(&scene, &params)));
         let half = (20.0f64.to_radians()).tan() * 5.0;
         for (index, pixel) in picture.pixels.iter().enumerate() {
             let (x, y) = ((index % 32) as f64, (index / 32) as f64);
@@ -52,8 +63,7 @@ fn point_light_over_a_plane() {
 }
 
 /// A spot with a range over a diffuse plane, with both curves between its cones (KHR_lights_punctual; linear in the angle).
-#[test]
-fn spot_over_a_plane() {
+fn spot_over_a_plane(engine: EngineChoice) {
     for falloff in ["gltf", "linear"] {
         let scene = scene(vec![(square(10.0), grey(1.0, 1.0, 0.0), DAffine3::IDENTITY)]);
         let params = params(&format!(
@@ -61,7 +71,7 @@ fn spot_over_a_plane() {
                 "inner_cone_degrees":20,"outer_cone_degrees":35,"falloff":"{falloff}"}}],"max_bounces":1,
                 "max_samples":256,"camera":{{"position":[0,5,0],"target":[0,0,0],"up":[0,0,-1],"yfov_degrees":40}}}}"#
         ));
-        let picture = render(lambert(work(&scene, &params)));
+        let picture = render(engine, lambert(work(&scene, &params)));
         let half = (20.0f64.to_radians()).tan() * 5.0;
         let (inner, outer) = (20f64.to_radians(), 35f64.to_radians());
         for (index, pixel) in picture.pixels.iter().enumerate() {
@@ -85,8 +95,7 @@ fn spot_over_a_plane() {
 }
 
 /// A sun at 1 degree above the horizon: radiance = albedo / pi * E sin(elevation).
-#[test]
-fn grazing_sun() {
+fn grazing_sun(engine: EngineChoice) {
     let scene = scene(vec![(square(10.0), grey(0.8, 1.0, 0.0), DAffine3::IDENTITY)]);
     let (sin, cos) = 1f64.to_radians().sin_cos();
     let params = params(&format!(
@@ -94,14 +103,13 @@ fn grazing_sun() {
             "camera":{{"position":[0,5,0],"target":[0,0,0],"up":[0,0,-1]}}}}"#,
         -cos, -sin
     ));
-    assert_near(mean(&render(lambert(work(&scene, &params))), 0), 0.8 / PI * 3.0 * sin, 1e-4);
+    assert_near(mean(&render(engine, lambert(work(&scene, &params))), 0), 0.8 / PI * 3.0 * sin, 1e-4);
 }
 
 /// A square lamp over a plane, at the point below its centre: the form factor between a point and a parallel rectangle
 /// (Howell, "A Catalog of Radiation Heat Transfer Configuration Factors", B-3, four corners), found by sampling the
 /// lamp and by sampling the surface.
-#[test]
-fn square_lamp_over_a_plane() {
+fn square_lamp_over_a_plane(engine: EngineChoice) {
     let lamp =
         Material { emissive: Vec3::splat(7.0), base_color: Vec4::new(0.0, 0.0, 0.0, 1.0), ..Material::default() };
     let down = DAffine3::from_translation(DVec3::new(0.0, 1.5, 0.0)) * DAffine3::from_rotation_x(PI);
@@ -116,14 +124,13 @@ fn square_lamp_over_a_plane() {
     let both = lambert(work(&scene, &params));
     let mut by_surface = both.clone();
     by_surface.features.emitters = false;
-    assert_near(mean(&render(both), 0), expected, 3e-3);
-    assert_near(mean(&render(by_surface), 0), expected, 2e-2);
+    assert_near(mean(&render(engine, both), 0), expected, 3e-3);
+    assert_near(mean(&render(engine, by_surface), 0), expected, 2e-2);
 }
 
 /// A closed box whose walls emit 1 and reflect a half: radiance 1 / (1 - 1/2) everywhere. Russian roulette ends the
 /// paths; a bias of it would show.
-#[test]
-fn closed_furnace() {
+fn closed_furnace(engine: EngineChoice) {
     let wall = Material { emissive: Vec3::ONE, ..grey(0.5, 1.0, 0.0) };
     let turns = [
         DAffine3::IDENTITY,
@@ -137,18 +144,17 @@ fn closed_furnace() {
     let scene = scene(turns.map(|turn| (square(1.0), wall.clone(), turn * inwards)).to_vec());
     let params =
         params(r#"{"max_samples":512,"camera":{"position":[0.2,0.1,0.3],"target":[-1,0.2,-0.5],"yfov_degrees":70}}"#);
-    assert_near(mean(&render(lambert(work(&scene, &params))), 0), 2.0, 3e-3);
+    assert_near(mean(&render(engine, lambert(work(&scene, &params))), 0), 2.0, 3e-3);
 }
 
 /// A metal under a point light, pixel by pixel against the formula of glTF 2.0, B.2 and B.3, in f64.
-#[test]
-fn rough_metal_matches_the_formula() {
+fn rough_metal_matches_the_formula(engine: EngineChoice) {
     let scene = scene(vec![(square(10.0), grey(0.7, 0.5, 1.0), DAffine3::IDENTITY)]);
     let params = params(
         r#"{"lights":[{"type":"point","position":[-2,2,0],"intensity":10}],"max_bounces":1,"multiple_scattering":false,
             "max_samples":256,"camera":{"position":[2,2,0],"target":[0,0,0],"yfov_degrees":30}}"#,
     );
-    let picture = render(work(&scene, &params));
+    let picture = render(engine, work(&scene, &params));
     let eye = DVec3::new(2.0, 2.0, 0.0);
     let forward = -eye.normalize();
     let right = forward.cross(DVec3::Y).normalize();
@@ -178,8 +184,7 @@ fn metal(f0: f64, alpha: f64, v: DVec3, l: DVec3) -> f64 {
 }
 
 /// A plane under an HDRI with a sun of 1e4 on a grey sky: irradiance summed over the bilinear texels in f64.
-#[test]
-fn plane_under_an_hdri() {
+fn plane_under_an_hdri(engine: EngineChoice) {
     let (width, height) = (64u32, 32u32);
     let mut texels = vec![[0.5f32; 3]; (width * height) as usize];
     texels[(9 * width + 20) as usize] = [1e4; 3];
@@ -190,7 +195,7 @@ fn plane_under_an_hdri() {
         r#"{"max_bounces":1,"max_samples":256,"environment":{"hdri":"x","rotation_degrees":77},
             "camera":{"position":[0,5,0],"target":[0,0,0],"up":[0,0,-1]}}"#,
     );
-    assert_near(mean(&render(lambert(work_with_hdri(&scene, &params, Some(hdri)))), 0), expected, 3e-3);
+    assert_near(mean(&render(engine, lambert(work_with_hdri(&scene, &params, Some(hdri)))), 0), expected, 3e-3);
 }
 
 /// Irradiance on a horizontal plane of an equirectangular picture, bilinear between texel centres.
@@ -216,8 +221,7 @@ fn irradiance(width: u32, height: u32, texel: impl Fn(u32, u32) -> f64) -> f64 {
 }
 
 /// A half-transparent unlit square before a white one: their mean, found by chance hits.
-#[test]
-fn blend_is_coverage() {
+fn blend_is_coverage(engine: EngineChoice) {
     let unlit =
         |color: Vec4, alpha_mode| Material { base_color: color, unlit: true, alpha_mode, ..Material::default() };
     let facing = |z| DAffine3::from_translation(DVec3::new(0.0, 0.0, z)) * DAffine3::from_rotation_x(PI / 2.0);
@@ -226,7 +230,7 @@ fn blend_is_coverage() {
         (square(10.0), unlit(Vec4::new(0.2, 0.2, 0.2, 0.3), AlphaMode::Blend), facing(1.0)),
     ]);
     let params = params(r#"{"max_samples":256,"camera":{"position":[0,0,3],"target":[0,0,0],"yfov_degrees":30}}"#);
-    assert_near(mean(&render(work(&scene, &params)), 0), 0.3 * 0.2 + 0.7, 4e-3);
+    assert_near(mean(&render(engine, work(&scene, &params)), 0), 0.3 * 0.2 + 0.7, 4e-3);
 }
 
 /// Mean of a function over the unit square, on a fine grid.

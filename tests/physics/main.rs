@@ -1,7 +1,9 @@
 //! Pictures against closed form or an independent f64 computation, on the real shaders.
 
+#[macro_use]
+mod support;
+
 mod closed_form;
 mod direct;
 mod invariance;
-mod support;
 mod third_party;

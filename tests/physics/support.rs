@@ -2,21 +2,18 @@
 
 use candela::compile::{self, Hdri};
 use candela::film::Picture;
-use candela::params::RenderParams;
-use candela::render::gpu::GpuEngine;
+use candela::params::{EngineChoice, RenderParams};
+use candela::render::Engines;
 use candela::render::prepare::{prepare, render_to_end};
 use candela::render::{NonFinite, Work};
 use candela::scene::{Material, Mesh, Node, Primitive, Scene, SceneRoot};
 use glam::{DAffine3, Vec3, Vec4};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
-/// The one engine of this test binary; tests take turns.
-pub fn engine() -> MutexGuard<'static, GpuEngine> {
-    static ENGINE: OnceLock<Mutex<GpuEngine>> = OnceLock::new();
-    ENGINE
-        .get_or_init(|| Mutex::new(GpuEngine::new().expect("an adapter; script/test installs lavapipe")))
-        .lock()
-        .unwrap_or_else(std::sync::PoisonError::into_inner)
+/// The engines of this test binary; tests take turns.
+pub fn engines() -> MutexGuard<'static, Engines> {
+    static ENGINES: OnceLock<Mutex<Engines>> = OnceLock::new();
+    ENGINES.get_or_init(|| Mutex::new(Engines::new())).lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
 /// A scene of placed primitives, each with its material.
@@ -93,9 +90,22 @@ pub fn lambert(mut work: Work) -> Work {
     work
 }
 
+/// Makes each function that takes an engine two tests.
+macro_rules! on_both_engines {
+    ($($test:ident,)*) => {
+        mod gpu {
+            $(#[test] fn $test() { super::$test(candela::params::EngineChoice::Gpu); })*
+        }
+        mod cpu {
+            $(#[test] fn $test() { super::$test(candela::params::EngineChoice::Cpu); })*
+        }
+    };
+}
+
 /// Renders to the end.
-pub fn render(work: Work) -> Picture {
-    let rendered = render_to_end(&mut *engine(), work, &mut |_| {}).expect("a render");
+pub fn render(engine: EngineChoice, mut work: Work) -> Picture {
+    work.settings.engine = engine;
+    let rendered = render_to_end(&mut *engines(), work, &mut |_| {}).expect("a render");
     assert_eq!(rendered.non_finite, NonFinite::default(), "non-finite samples");
     rendered.film.picture()
 }

@@ -1,15 +1,19 @@
 //! A Cornell-like box against Blender Cycles and Mitsuba 3, which agree on it to 1e-3.
 
 use crate::support::{assert_near, lambert, params, render, work};
+use candela::params::EngineChoice;
 use candela::scene::{self, Limits, Package};
 use std::path::{Path, PathBuf};
+
+on_both_engines! {
+    cornell_box,
+}
 
 /// Side of the picture, and of the blocks that are compared.
 const SIDE: usize = 256;
 const BLOCK: usize = 32;
 
-#[test]
-fn cornell_box() {
+fn cornell_box(engine: EngineChoice) {
     let peers = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/peers");
     if !peers.exists() {
         eprintln!("SKIPPED: ../shared/peers is not here");
@@ -22,7 +26,7 @@ fn cornell_box() {
             "camera":{"position":[0,1,4.2],"target":[0,1,0],"yfov_degrees":36}}"#,
     );
     // The case's materials ask for no specular lobe by an extension that is ignored as yet.
-    let picture = render(lambert(work(&scene, &params)));
+    let picture = render(engine, lambert(work(&scene, &params)));
     let ours: Vec<f64> = picture.pixels.iter().map(|pixel| luminance(pixel)).collect();
     for peer in ["cycles", "mitsuba-llvm"] {
         let reference = reference(&peers.join("references"), peer);

@@ -6,7 +6,6 @@ mod latency;
 mod load;
 mod server;
 
-use crate::render::Engine;
 use crate::render::gpu::GpuEngine;
 use anyhow::Result;
 use std::io::Write;

@@ -3,7 +3,7 @@
 use crate::config::Limits;
 use crate::http;
 use crate::jobs::Service;
-use crate::render::gpu::GpuEngine;
+use crate::render::Engines;
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
 use std::sync::mpsc;
@@ -28,7 +28,7 @@ impl Server {
         let thread = std::thread::spawn(move || {
             tokio::runtime::Runtime::new()?.block_on(async move {
                 let listener = TcpListener::bind("127.0.0.1:0").await?;
-                let service = Service::start(limits, Box::new(|| Ok(Box::new(GpuEngine::new()?)))).await?;
+                let service = Service::start(limits, Box::new(|| Ok(Box::new(Engines::new())))).await?;
                 tell.send(listener.local_addr()?)?;
                 let shutdown = async {
                     let _ = stopped.await;

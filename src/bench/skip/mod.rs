@@ -6,7 +6,6 @@ mod kernel;
 mod pairs;
 mod reuse;
 
-use crate::render::Engine;
 use crate::render::gpu::GpuEngine;
 use anyhow::Result;
 use std::io::Write;

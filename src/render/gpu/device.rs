@@ -90,6 +90,11 @@ impl Gpu {
     }
 }
 
+/// Whether there is an adapter that is no software.
+pub fn has_hardware_adapter() -> bool {
+    choose_adapter().is_ok_and(|adapter| describe(&adapter.get_info()).hardware)
+}
+
 fn choose_adapter() -> Result<wgpu::Adapter, RenderError> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
@@ -120,6 +125,7 @@ fn rank(kind: wgpu::DeviceType) -> u32 {
 
 fn describe(info: &wgpu::AdapterInfo) -> DeviceInfo {
     DeviceInfo {
+        engine: "gpu",
         name: info.name.clone(),
         backend: info.backend.to_string(),
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),

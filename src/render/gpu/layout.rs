@@ -1,7 +1,7 @@
 //! Rust mirrors of the uniform structs of `shaders/lib/bindings.wesl`. A test compares every offset by reflection.
 
 use crate::compile::{CompiledScene, EnvironmentKind, Lens, Lighting, View};
-use crate::params::{Filter, FilterKind};
+use crate::params::FilterKind;
 use crate::render::{Settings, Work};
 use bytemuck::{Pod, Zeroable};
 
@@ -83,7 +83,7 @@ impl Frame {
             }
             Lens::Orthographic { ymag } => self.ymag = ymag,
         }
-        self.filter_radius = filter_radius(view.filter);
+        self.filter_radius = view.filter.radius();
         self.filter_table = filter_table(view.filter.kind);
         self.transparent = u32::from(view.transparent);
     }
@@ -106,11 +106,7 @@ impl Frame {
         let environment = &lighting.environment;
         self.light_count = lighting.lights.len() as u32;
         self.pick_count = lighting.picks.len() as u32;
-        // A sky without detail is found by the surface's own sampling; only an HDRI is sampled on purpose.
-        if matches!(environment.kind, EnvironmentKind::Hdri(_)) {
-            self.environment_probability =
-                if lighting.picks.is_empty() { 1.0 } else { lighting.environment_probability };
-        }
+        self.environment_probability = lighting.environment_probability;
         match &environment.kind {
             EnvironmentKind::None | EnvironmentKind::Hdri(_) => {}
             EnvironmentKind::Constant(radiance) => self.environment_horizon = radiance.to_array(),
@@ -125,15 +121,6 @@ impl Frame {
         self.environment_visible = u32::from(environment.visible);
         self.ambient = environment.ambient.to_array();
     }
-}
-
-/// Half width in pixels.
-fn filter_radius(filter: Filter) -> f32 {
-    filter.radius.unwrap_or(match filter.kind {
-        FilterKind::Box => 0.5,
-        FilterKind::Triangle => 1.0,
-        FilterKind::Gaussian | FilterKind::BlackmanHarris => 1.5,
-    })
 }
 
 /// Inverse of the filter's distribution function at equal steps of probability, as offsets in -1..=1.

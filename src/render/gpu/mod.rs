@@ -3,15 +3,13 @@
 //! [`GpuEngine`] owns a device, the pipelines made on it (one per set of features) and what has been uploaded;
 //! [`GpuRender`] is one picture under way, cut into dispatches of about 40 ms.
 
-mod albedo;
 mod device;
 pub mod layout;
 mod pipeline;
 mod render;
 mod resources;
 
-pub use albedo::{AlbedoTable, albedo_table};
-pub use device::Gpu;
+pub use device::{Gpu, has_hardware_adapter};
 pub use pipeline::PATHTRACE_WGSL;
 pub use render::GpuRender;
 
@@ -40,6 +38,11 @@ impl GpuEngine {
         Ok(Self { gpu, pipelines, resources })
     }
 
+    /// What traces.
+    pub fn device(&self) -> &DeviceInfo {
+        &self.gpu.info
+    }
+
     /// The device, for benchmarks and tests.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
@@ -47,10 +50,6 @@ impl GpuEngine {
 }
 
 impl Engine for GpuEngine {
-    fn device(&self) -> &DeviceInfo {
-        &self.gpu.info
-    }
-
     fn begin(&mut self, work: Work, film: Option<Film>) -> Result<Box<dyn Render>, RenderError> {
         let pipeline = self.pipelines.get(&self.gpu, &work);
         let scene = self.resources.scene(&self.gpu, &work.scene)?;

@@ -5,20 +5,14 @@ use super::layout::{Frame, Slice};
 use super::resources::{GpuEnvironment, GpuScene, Resources};
 use crate::film::Film;
 use crate::render::schedule::{Pass, Schedule};
-use crate::render::{NonFinite, Render, RenderError, StopReason, Work};
+use crate::render::slice::SlicePaths;
+use crate::render::{DeviceInfo, NonFinite, Render, RenderError, StopReason, Work};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 /// Side of the square of pixels that one workgroup traces, as in `shaders/pathtrace/pathtrace.wesl`.
 const TILE: u32 = 8;
-/// What a dispatch should take: short enough that another job, a cancel or a watchdog need not wait.
-const SLICE_TARGET: Duration = Duration::from_millis(35);
-/// Paths of the first dispatch, before anything has been measured.
-const FIRST_SLICE_PATHS: f64 = 16384.0;
-/// Fewest paths of a dispatch: on a busy machine each dispatch waits for a core, and if that alone took the target time,
-/// slices would shrink to one tile and the waits would be all there is.
-const LEAST_SLICE_PATHS: f64 = 4096.0;
 /// Most workgroups of one dispatch in one dimension (WebGPU's least limit).
 const MAX_WORKGROUPS: u32 = 65535;
 /// Bytes to which rows are aligned when a texture is copied to a buffer.
@@ -39,7 +33,7 @@ pub struct GpuRender {
     /// The pass under way and the tiles of it that are done.
     pass: Option<(Pass, u32)>,
     tracing: Duration,
-    slice_paths: f64,
+    slice_paths: SlicePaths,
     non_finite: NonFinite,
 }
 
@@ -115,7 +109,7 @@ impl GpuRender {
             film: film.unwrap_or_else(|| Film::new(width, height)),
             pass: None,
             tracing: Duration::ZERO,
-            slice_paths: FIRST_SLICE_PATHS,
+            slice_paths: SlicePaths::default(),
             non_finite: NonFinite::default(),
         })
     }
@@ -128,7 +122,7 @@ impl GpuRender {
     /// Tiles of the next dispatch, by the speed seen so far.
     fn slice_tiles(&self, pass: Pass, done: u32) -> u32 {
         let paths_per_tile = f64::from(TILE * TILE * pass.samples);
-        let tiles = (self.slice_paths / paths_per_tile).max(1.0) as u32;
+        let tiles = self.slice_paths.tiles(paths_per_tile);
         tiles.min(self.tiles().1 - done).min(MAX_WORKGROUPS)
     }
 
@@ -196,6 +190,10 @@ impl GpuRender {
 }
 
 impl Render for GpuRender {
+    fn device(&self) -> &DeviceInfo {
+        &self.gpu.info
+    }
+
     fn step(&mut self) -> Result<Option<StopReason>, RenderError> {
         let begun = Instant::now();
         let (pass, done) = match self.pass {
@@ -208,7 +206,7 @@ impl Render for GpuRender {
         let count = self.slice_tiles(pass, done);
         self.dispatch(pass, done, count)?;
         let paths = f64::from(count * TILE * TILE) * f64::from(pass.samples);
-        self.slice_paths = adapted(self.slice_paths, paths, begun.elapsed());
+        self.slice_paths.learn(paths, begun.elapsed());
         let finished = done + count == self.tiles().1;
         self.pass = (!finished).then_some((pass, done + count));
         if finished {
@@ -238,12 +236,6 @@ impl Render for GpuRender {
     fn non_finite(&self) -> NonFinite {
         self.non_finite
     }
-}
-
-/// Paths of the next dispatch: towards the target time, at most four times more or less at once.
-fn adapted(wanted: f64, paths: f64, elapsed: Duration) -> f64 {
-    let rate = paths / elapsed.as_secs_f64().max(1e-6);
-    (rate * SLICE_TARGET.as_secs_f64()).clamp(wanted / 4.0, wanted * 4.0).max(LEAST_SLICE_PATHS)
 }
 
 /// A step through `tiles` that visits each once and puts neighbours far apart.

@@ -1,11 +1,11 @@
 //! What has been uploaded: scenes, environments and tables, kept as long as their source lives.
 
-use super::albedo::{TABLE_HEIGHT, TABLE_WIDTH, albedo_table};
 use super::device::Gpu;
 use crate::compile::{
     BvhNode, CompiledScene, Environment, EnvironmentKind, Hdri, Instance, Material, TexturePages, Triangle,
 };
 use crate::render::RenderError;
+use crate::render::albedo::{TABLE_HEIGHT, TABLE_WIDTH, albedo_table};
 use std::sync::{Arc, Weak};
 use wgpu::util::{DeviceExt, TextureDataOrder};
 

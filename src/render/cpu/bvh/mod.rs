@@ -15,7 +15,7 @@ mod triangle;
 
 use boxes::Node;
 use glam::{DAffine3, DVec3};
-use traverse::Unit;
+pub use traverse::Unit;
 use triangle::Block;
 
 /// A ray in world space relative to [`CompiledScene::origin`](crate::compile::CompiledScene::origin).

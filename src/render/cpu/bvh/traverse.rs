@@ -31,6 +31,15 @@ impl Unit {
         }
         Self::Portable
     }
+
+    /// For people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Portable => "portable instructions",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => "AVX2",
+        }
+    }
 }
 
 /// The closest hit, or if `ANY` some hit.

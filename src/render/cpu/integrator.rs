@@ -1,0 +1,250 @@
+//! Light along one path: from the camera, with a sample of a light at each vertex, both ways of finding a light weighted.
+
+use super::bvh::{Bvh, Hit, Ray};
+use super::camera::Camera;
+use super::environment;
+use super::light::{self, LightSample, LightSampler};
+use super::material::{Bsdf, Model};
+use super::sampler::{Dimension, Sampler};
+use super::sampling::power_heuristic;
+use super::surface::{Surface, coverage};
+use crate::compile::{EnvironmentKind, Hdri, Material};
+use crate::params::Mode;
+use crate::render::Work;
+use glam::{DMat3, DVec3, DVec4};
+
+/// Scattering events before a path may end by chance.
+const ROULETTE_START: u32 = 3;
+/// Most probable survival.
+const ROULETTE_MOST: f64 = 0.95;
+
+/// Everything that a path reads.
+#[derive(Debug)]
+pub struct Integrator {
+    work: Work,
+    bvh: std::sync::Arc<Bvh>,
+    camera: Camera,
+    lights: LightSampler,
+    model: Model,
+}
+
+/// A point where light is scattered, seen from where the path came.
+struct Vertex<'a> {
+    surface: Surface<'a>,
+    bsdf: Bsdf,
+    /// From the shading frame to the world.
+    frame: DMat3,
+    bounce: u32,
+}
+
+/// A path under way.
+struct Path {
+    ray: Ray,
+    throughput: DVec3,
+    radiance: DVec3,
+    bounce: u32,
+    /// Density of the ray's direction over solid angle; none: no light sample could have found it.
+    pdf: Option<f64>,
+}
+
+/// What a ray is for.
+#[derive(Clone, Copy)]
+enum RayKind {
+    Path,
+    Shadow,
+}
+
+impl Integrator {
+    /// Of a picture.
+    pub fn new(work: Work, bvh: std::sync::Arc<Bvh>) -> Self {
+        let model = Model { specular: work.features.specular, multiple_scattering: work.settings.multiple_scattering };
+        Self { camera: Camera::new(&work.view), lights: LightSampler::new(&work.lighting), model, bvh, work }
+    }
+
+    /// Radiance (premultiplied) and coverage of one sample of a pixel.
+    pub fn sample(&self, x: u32, y: u32, sampler: &Sampler) -> DVec4 {
+        let ray = self.camera.ray(x, y, sampler);
+        let mut path = Path { ray, throughput: DVec3::ONE, radiance: DVec3::ZERO, bounce: 0, pdf: None };
+        let coverage = self.camera_hit(&mut path, sampler).map(|hit| self.follow(&mut path, hit, sampler)).is_some();
+        let view = &self.work.view;
+        if !coverage && !view.transparent && self.work.lighting.environment.visible {
+            path.radiance += environment::radiance(&self.work.lighting.environment, path.ray.direction);
+        }
+        path.radiance.extend(f64::from(u8::from(coverage || !view.transparent)))
+    }
+
+    /// What the camera sees: the backs of one-sided surfaces are passed (glTF 2.0, 3.9.6).
+    fn camera_hit(&self, path: &mut Path, sampler: &Sampler) -> Option<Hit> {
+        loop {
+            let hit = self.closest(path, sampler)?;
+            let surface = Surface::new(&self.work.scene, &hit, path.ray.direction);
+            if !surface.back || surface.material.flags & Material::DOUBLE_SIDED != 0 {
+                return Some(hit);
+            }
+            path.ray.origin = surface.leave(path.ray.direction);
+        }
+    }
+
+    /// From the first surface on.
+    fn follow(&self, path: &mut Path, first: Hit, sampler: &Sampler) {
+        let mut hit = first;
+        loop {
+            let surface = Surface::new(&self.work.scene, &hit, path.ray.direction);
+            if surface.material.flags & Material::UNLIT != 0 {
+                path.radiance += path.throughput * surface.base_color().truncate();
+                return;
+            }
+            path.radiance += path.throughput * self.emission(path, &surface, &hit);
+            if path.bounce >= self.work.settings.max_bounces.unwrap_or(u32::MAX) {
+                return;
+            }
+            let vertex = self.vertex(surface, path);
+            path.radiance += path.throughput * self.direct_light(&vertex, sampler);
+            if !self.scatter(&vertex, path, sampler) {
+                return;
+            }
+            match self.closest(path, sampler) {
+                Some(next) => hit = next,
+                None => {
+                    path.radiance += path.throughput * self.distant(path);
+                    return;
+                }
+            }
+        }
+    }
+
+    fn vertex<'a>(&self, surface: Surface<'a>, path: &Path) -> Vertex<'a> {
+        let z = surface.shading_normal;
+        let (x, y) = z.any_orthonormal_pair();
+        let frame = DMat3::from_cols(x, y, z);
+        let bsdf = Bsdf::new(surface.layers(), self.model, frame.transpose() * -path.ray.direction);
+        Vertex { surface, bsdf, frame, bounce: path.bounce }
+    }
+
+    /// Turns the path to where it goes on; false: it ends.
+    fn scatter(&self, vertex: &Vertex, path: &mut Path, sampler: &Sampler) -> bool {
+        let [choice, survival] = sampler.pair(Dimension::Choice(vertex.bounce));
+        let Some(scattered) = vertex.bsdf.sample(choice, sampler.pair(Dimension::Lobe(vertex.bounce))) else {
+            return false;
+        };
+        let direction = vertex.frame * scattered.wi;
+        let only_mirrors = self.work.settings.mode == Mode::Direct;
+        if direction.dot(vertex.surface.geometric_normal) <= 0.0 || only_mirrors && scattered.pdf.is_some() {
+            return false;
+        }
+        path.throughput *= scattered.weight;
+        path.pdf = scattered.pdf;
+        path.bounce += 1;
+        if path.bounce >= ROULETTE_START {
+            let probability = path.throughput.max_element().min(ROULETTE_MOST);
+            if survival >= probability {
+                return false;
+            }
+            path.throughput /= probability;
+        }
+        path.ray = Ray { origin: vertex.surface.leave(direction), direction, t_max: f64::INFINITY };
+        true
+    }
+
+    /// Emission that the path has come upon.
+    fn emission(&self, path: &Path, surface: &Surface, hit: &Hit) -> DVec3 {
+        let Some(emitter) = surface.emitter else { return DVec3::ZERO };
+        let radiance = surface.emitted();
+        let (Some(pdf), Mode::Path) = (path.pdf, self.work.settings.mode) else { return radiance };
+        let lighting = &self.work.lighting;
+        let index = lighting.lights.len() + emitter;
+        let probability = self.lights.probability(lighting, index) * (1.0 - self.environment_share());
+        let cosine = path.ray.direction.dot(surface.geometric_normal);
+        radiance * power_heuristic(pdf, light::emitter_pdf(&lighting.picks[index], probability, hit.t * hit.t, cosine))
+    }
+
+    /// Light from infinity that a scattered path has come upon.
+    fn distant(&self, path: &Path) -> DVec3 {
+        let environment = &self.work.lighting.environment;
+        let mut radiance = environment::radiance(environment, path.ray.direction);
+        if let (Some(pdf), Some(hdri)) = (path.pdf, self.sampled_picture()) {
+            let other = environment::pdf(hdri, environment.rotation, path.ray.direction) * self.environment_share();
+            radiance *= power_heuristic(pdf, other);
+        }
+        radiance + environment.ambient.as_dvec3()
+    }
+
+    /// Light that arrives straight from a light or the environment, by one sample.
+    fn direct_light(&self, vertex: &Vertex, sampler: &Sampler) -> DVec3 {
+        let ambient = match self.work.settings.mode {
+            Mode::Direct => self.work.lighting.environment.ambient.as_dvec3() * vertex.bsdf.albedo(),
+            Mode::Path => DVec3::ZERO,
+        };
+        let Some(light) = self.light_sample(vertex, sampler) else { return ambient };
+        if light.direction.dot(vertex.surface.geometric_normal) <= 0.0 || light.weight.max_element() <= 0.0 {
+            return ambient;
+        }
+        let wi = vertex.frame.transpose() * light.direction.normalize();
+        let (value, pdf) = vertex.bsdf.evaluate(wi);
+        let weight = light.pdf.map_or(1.0, |taken| power_heuristic(taken, pdf));
+        let contribution = value * light.weight * weight;
+        if contribution.max_element() <= 0.0 {
+            return ambient;
+        }
+        let ray = Ray { origin: light.origin, direction: light.direction, t_max: light.t_max };
+        let blocked = self.bvh.occluded(&ray, |hit| self.stops(hit, RayKind::Shadow, vertex.bounce, sampler));
+        if blocked { ambient } else { ambient + contribution }
+    }
+
+    fn light_sample(&self, vertex: &Vertex, sampler: &Sampler) -> Option<LightSample> {
+        let share = self.environment_share();
+        if self.lights.is_empty() && share == 0.0 {
+            return None;
+        }
+        let [strategy, pick] = sampler.pair(Dimension::Pick(vertex.bounce));
+        let u = sampler.pair(Dimension::Light(vertex.bounce));
+        if let Some(hdri) = self.sampled_picture().filter(|_| strategy < share) {
+            return Some(self.picture_sample(hdri, vertex, share, u));
+        }
+        let lighting = &self.work.lighting;
+        let index = self.lights.pick(pick);
+        let probability = self.lights.probability(lighting, index) * (1.0 - share);
+        let pick = &lighting.picks[index];
+        Some(if index < lighting.lights.len() {
+            let light = light::from_punctual(&lighting.lights[pick.index as usize], &vertex.surface);
+            LightSample { weight: light.weight / probability, ..light }
+        } else {
+            light::from_emitter(&self.work.scene, pick, probability, &vertex.surface, u)
+        })
+    }
+
+    fn picture_sample(&self, hdri: &Hdri, vertex: &Vertex, share: f64, u: [f64; 2]) -> LightSample {
+        let environment = &self.work.lighting.environment;
+        let sky = environment::sample(hdri, environment.rotation, u);
+        let pdf = sky.pdf * share;
+        LightSample {
+            origin: vertex.surface.leave(sky.direction),
+            direction: sky.direction,
+            t_max: f64::INFINITY,
+            weight: environment::radiance(environment, sky.direction) / pdf,
+            pdf: Some(pdf),
+        }
+    }
+
+    /// Part of the light samples that go to the environment: only a picture is worth any.
+    fn environment_share(&self) -> f64 {
+        f64::from(self.work.lighting.environment_probability)
+    }
+
+    fn sampled_picture(&self) -> Option<&Hdri> {
+        match &self.work.lighting.environment.kind {
+            EnvironmentKind::Hdri(hdri) if self.work.settings.mode == Mode::Path => Some(hdri),
+            _ => None,
+        }
+    }
+
+    fn closest(&self, path: &Path, sampler: &Sampler) -> Option<Hit> {
+        self.bvh.closest(&path.ray, |hit| self.stops(hit, RayKind::Path, path.bounce, sampler))
+    }
+
+    /// Whether a surface with alpha stops a ray: by chance, as much as it covers.
+    fn stops(&self, hit: &Hit, kind: RayKind, bounce: u32, sampler: &Sampler) -> bool {
+        let place = u64::from(hit.instance) << 32 | u64::from(hit.triangle);
+        sampler.chance([u64::from(bounce) << 1 | kind as u64, place]) < coverage(&self.work.scene, hit)
+    }
+}

@@ -1,0 +1,255 @@
+//! From a hit to a point that can be shaded.
+
+use super::bvh::Hit;
+use super::material::Layers;
+use super::texture::{self, Encoding};
+use crate::compile::{CompiledScene, Instance, Material, NONE, TextureSlot, Triangle};
+use glam::{DMat3, DVec2, DVec3, DVec4};
+
+/// Bound of the relative error of `n` f64 roundings (Higham 2002, 3.1).
+const fn gamma(n: f64) -> f64 {
+    let roundings = n * 0.5 * f64::EPSILON;
+    roundings / (1.0 - roundings)
+}
+
+/// Roundings from the corners of a triangle, by way of a point of it and a ray from there, back to the triangle's plane; generous.
+const ROUNDINGS: f64 = 32.0;
+
+/// A shadable point, relative to the scene's origin.
+#[derive(Debug)]
+pub struct Surface<'a> {
+    scene: &'a CompiledScene,
+    /// What it is made of.
+    pub material: &'a Material,
+    /// Where it is.
+    pub position: DVec3,
+    /// Of the triangle, on the side that the ray came from.
+    pub geometric_normal: DVec3,
+    /// For the material, on the same side.
+    pub shading_normal: DVec3,
+    /// The ray met the back of the triangle.
+    pub back: bool,
+    /// Index into the emitters, if it is one.
+    pub emitter: Option<usize>,
+    /// Distance along the geometric normal that clears the errors of `position`.
+    clearance: f64,
+    uvs: [DVec2; 2],
+    vertex_color: DVec4,
+}
+
+impl<'a> Surface<'a> {
+    /// Where a ray of this direction hit.
+    pub fn new(scene: &'a CompiledScene, hit: &Hit, direction: DVec3) -> Self {
+        let triangle = &scene.triangles[hit.triangle as usize];
+        let instance = &scene.instances[hit.instance as usize];
+        let weights = DVec3::new(1.0 - hit.u - hit.v, hit.u, hit.v);
+        let vertices = scene.indices[hit.triangle as usize];
+        let place = Place::new(scene, triangle, instance, weights);
+        let back = place.normal.dot(direction) > 0.0;
+        let front = if back { -place.normal } else { place.normal };
+        let material = material(scene, triangle);
+        let mut surface = Self {
+            scene,
+            material,
+            position: place.position,
+            geometric_normal: front,
+            shading_normal: front,
+            back,
+            emitter: (triangle.light != NONE).then(|| (triangle.light + instance.light_base) as usize),
+            clearance: place.clearance,
+            uvs: uvs(scene, vertices, weights),
+            vertex_color: vertex_color(scene, vertices, weights),
+        };
+        let normal = surface.smooth_normal(instance, vertices, weights, place.normal);
+        surface.shading_normal = bent_to_view(if back { -normal } else { normal }, front, direction);
+        surface
+    }
+
+    /// Product of factor, texture and vertex colour: linear RGB and alpha.
+    pub fn base_color(&self) -> DVec4 {
+        base_color(self.scene, self.material, self.uvs, self.vertex_color)
+    }
+
+    /// Colour, metalness, roughness.
+    pub fn layers(&self) -> Layers {
+        let texel = texture::sample(
+            &self.scene.data_pages,
+            Encoding::Linear,
+            &self.material.metallic_roughness_texture,
+            self.uvs,
+        );
+        Layers {
+            color: self.base_color().truncate(),
+            metallic: f64::from(self.material.metallic) * texel.z,
+            roughness: f64::from(self.material.roughness) * texel.y,
+        }
+    }
+
+    /// Radiance that it sends to the side that the ray came from.
+    pub fn emitted(&self) -> DVec3 {
+        if self.back && self.material.flags & Material::DOUBLE_SIDED == 0 {
+            return DVec3::ZERO;
+        }
+        emission(self.scene, self.material, self.uvs)
+    }
+
+    /// Origin of a ray that leaves in a direction, clear of the surface.
+    pub fn leave(&self, direction: DVec3) -> DVec3 {
+        clear(self.position, self.geometric_normal, self.clearance, direction)
+    }
+
+    /// Interpolated and mapped normal of the front, unit length.
+    fn smooth_normal(&self, instance: &Instance, vertices: [u32; 3], weights: DVec3, flat: DVec3) -> DVec3 {
+        let layout = self.scene.layout;
+        let mut normal = flat;
+        if layout.normal != NONE {
+            let stored = interpolated::<3>(self.scene, vertices, weights, layout.normal);
+            // A mesh without normals stores zeros: it is flat.
+            normal = normal_to_world(instance, DVec3::from(stored)).try_normalize().unwrap_or(flat);
+        }
+        if self.material.normal_texture.info == NONE {
+            return normal;
+        }
+        let tangent = DVec4::from(interpolated::<4>(self.scene, vertices, weights, layout.tangent));
+        self.mapped(normal, instance, tangent)
+    }
+
+    /// Normal map (glTF 2.0, 3.9.3).
+    fn mapped(&self, normal: DVec3, instance: &Instance, tangent: DVec4) -> DVec3 {
+        let mirrored = instance.flags & 1 != 0;
+        let handedness = if (tangent.w < 0.0) != mirrored { -1.0 } else { 1.0 };
+        let along = linear_part(&instance.to_world) * tangent.truncate();
+        let Some(along) = along.reject_from_normalized(normal).try_normalize() else { return normal };
+        let across = handedness * normal.cross(along);
+        let slot = &self.material.normal_texture;
+        let texel = texture::sample(&self.scene.data_pages, Encoding::Linear, slot, self.uvs).truncate() * 2.0 - 1.0;
+        let scale = f64::from(self.material.normal_scale);
+        let mapped = texel.x * scale * along + texel.y * scale * across + texel.z * normal;
+        mapped.try_normalize().unwrap_or(normal)
+    }
+}
+
+/// A place on a triangle in world space.
+#[derive(Debug)]
+pub struct Place {
+    /// Relative to the scene's origin.
+    pub position: DVec3,
+    /// Unit normal of the front.
+    pub normal: DVec3,
+    clearance: f64,
+}
+
+impl Place {
+    /// At the given weights of the corners.
+    pub fn new(scene: &CompiledScene, triangle: &Triangle, instance: &Instance, weights: DVec3) -> Self {
+        let [a, b, c] = corners(triangle);
+        let local = weights.x * a + weights.y * b + weights.z * c;
+        let largest = a.abs().max(b.abs()).max(c.abs()).max_element();
+        let normal = normal_to_world(instance, (b - a).cross(c - a)).normalize();
+        if !scene.two_level {
+            return Self { position: local, normal, clearance: gamma(ROUNDINGS) * largest };
+        }
+        let (matrix, translation) = (linear_part(&instance.to_world), translation(&instance.to_world));
+        let position = matrix * local + translation;
+        // Rounding in object space, there and back, seen from outside.
+        let growth = |m: DMat3| m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs();
+        let back = growth(linear_part(&instance.to_object)).max_element() * position.abs().max_element();
+        let inside = largest + back + DVec3::from(translation_of_object(instance)).abs().max_element();
+        let reach = growth(matrix).max_element() * inside + translation.abs().max_element();
+        Self { position, normal, clearance: gamma(ROUNDINGS) * reach }
+    }
+
+    /// Origin of a ray that leaves in a direction, clear of the triangle.
+    pub fn leave(&self, direction: DVec3) -> DVec3 {
+        clear(self.position, self.normal, self.clearance, direction)
+    }
+}
+
+/// Whether a triangle lets a ray pass for certain (`false`), for certain not (`true`), or with some probability: its coverage
+/// there, 0 to 1 (glTF 2.0, 3.9.4).
+pub fn coverage(scene: &CompiledScene, hit: &Hit) -> f64 {
+    let triangle = &scene.triangles[hit.triangle as usize];
+    let vertices = scene.indices[hit.triangle as usize];
+    let weights = DVec3::new(1.0 - hit.u - hit.v, hit.u, hit.v);
+    let material = material(scene, triangle);
+    let color = base_color(scene, material, uvs(scene, vertices, weights), vertex_color(scene, vertices, weights));
+    let cutoff = f64::from(material.alpha_cutoff);
+    if cutoff < 0.0 { color.w } else { f64::from(u8::from(color.w >= cutoff)) }
+}
+
+/// Radiance of the front of an emitting triangle.
+pub fn emitted_at(scene: &CompiledScene, triangle: u32, weights: DVec3) -> DVec3 {
+    let vertices = scene.indices[triangle as usize];
+    emission(scene, material(scene, &scene.triangles[triangle as usize]), uvs(scene, vertices, weights))
+}
+
+/// The material of a triangle.
+pub fn material<'a>(scene: &'a CompiledScene, triangle: &Triangle) -> &'a Material {
+    &scene.materials[(triangle.material & !Triangle::ALPHA) as usize]
+}
+
+fn emission(scene: &CompiledScene, material: &Material, uvs: [DVec2; 2]) -> DVec3 {
+    let texel = texture::sample(&scene.color_pages, Encoding::Srgb, &material.emissive_texture, uvs);
+    DVec3::from(material.emissive.map(f64::from)) * texel.truncate()
+}
+
+fn base_color(scene: &CompiledScene, material: &Material, uvs: [DVec2; 2], vertex_color: DVec4) -> DVec4 {
+    let slot: &TextureSlot = &material.base_color_texture;
+    let factor = DVec4::from(material.base_color.map(f64::from));
+    factor * vertex_color * texture::sample(&scene.color_pages, Encoding::Srgb, slot, uvs)
+}
+
+/// Bends a shading normal that faces away from the viewer just far enough to be seen.
+fn bent_to_view(normal: DVec3, geometric: DVec3, direction: DVec3) -> DVec3 {
+    let cosine = -normal.dot(direction);
+    if cosine > 0.0 {
+        return normal;
+    }
+    let least = (-geometric.dot(direction)).min(0.01);
+    (normal - (least - cosine) * direction).normalize()
+}
+
+fn clear(position: DVec3, normal: DVec3, clearance: f64, direction: DVec3) -> DVec3 {
+    // The largest component is moved by the clearance at least, in whatever direction the normal points.
+    let distance = clearance * (normal.x.abs() + normal.y.abs() + normal.z.abs());
+    position + normal * distance.copysign(direction.dot(normal))
+}
+
+fn corners(triangle: &Triangle) -> [DVec3; 3] {
+    [triangle.v0, triangle.v1, triangle.v2].map(|corner| DVec3::from(corner.map(f64::from)))
+}
+
+fn interpolated<const N: usize>(scene: &CompiledScene, vertices: [u32; 3], weights: DVec3, offset: u32) -> [f64; N] {
+    let first = vertices.map(|vertex| (vertex * scene.layout.stride + offset) as usize);
+    std::array::from_fn(|i| {
+        (0..3).map(|corner| weights[corner] * f64::from(f32::from_bits(scene.vertices[first[corner] + i]))).sum()
+    })
+}
+
+fn uvs(scene: &CompiledScene, vertices: [u32; 3], weights: DVec3) -> [DVec2; 2] {
+    scene.layout.uv.map(|offset| {
+        if offset == NONE { DVec2::ZERO } else { DVec2::from(interpolated::<2>(scene, vertices, weights, offset)) }
+    })
+}
+
+fn vertex_color(scene: &CompiledScene, vertices: [u32; 3], weights: DVec3) -> DVec4 {
+    let offset = scene.layout.color;
+    if offset == NONE { DVec4::ONE } else { DVec4::from(interpolated::<4>(scene, vertices, weights, offset)) }
+}
+
+fn linear_part(rows: &[[f32; 4]; 3]) -> DMat3 {
+    DMat3::from_cols_array_2d(&rows.map(|row| [row[0], row[1], row[2]].map(f64::from))).transpose()
+}
+
+fn translation(rows: &[[f32; 4]; 3]) -> DVec3 {
+    DVec3::from(rows.map(|row| f64::from(row[3])))
+}
+
+fn translation_of_object(instance: &Instance) -> [f64; 3] {
+    translation(&instance.to_object).to_array()
+}
+
+/// By the inverse transpose, so that a mirroring transform keeps the front in front.
+fn normal_to_world(instance: &Instance, normal: DVec3) -> DVec3 {
+    linear_part(&instance.to_object).transpose() * normal
+}

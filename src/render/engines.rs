@@ -1,0 +1,56 @@
+//! The engines of this machine, each opened when first wanted.
+
+use super::cpu::CpuEngine;
+use super::gpu::{GpuEngine, has_hardware_adapter};
+use super::{Engine, Render, RenderError, Work};
+use crate::film::Film;
+use crate::params::EngineChoice;
+
+/// Hands each render to the engine that its settings ask for.
+pub struct Engines {
+    gpu: Option<GpuEngine>,
+    cpu: CpuEngine,
+    /// What [`EngineChoice::Auto`] is here.
+    automatic: EngineChoice,
+}
+
+impl Engines {
+    /// Looks for a graphics card, and opens it if there is one. A software adapter runs the compute tracer at half the speed
+    /// that the cores reach by themselves (docs/benchmarks.md), so there the choice falls on the cores.
+    pub fn new() -> Self {
+        let mut engines = Self { gpu: None, cpu: CpuEngine::new(), automatic: EngineChoice::Cpu };
+        if has_hardware_adapter() {
+            match engines.gpu() {
+                Ok(_) => engines.automatic = EngineChoice::Gpu,
+                Err(error) => tracing::warn!(%error, "the graphics card cannot be used; rendering on the processor"),
+            }
+        }
+        engines
+    }
+
+    fn gpu(&mut self) -> Result<&mut GpuEngine, RenderError> {
+        match &mut self.gpu {
+            Some(engine) => Ok(engine),
+            missing => Ok(missing.insert(GpuEngine::new()?)),
+        }
+    }
+}
+
+impl Default for Engines {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Engine for Engines {
+    fn begin(&mut self, work: Work, film: Option<Film>) -> Result<Box<dyn Render>, RenderError> {
+        let choice = match work.settings.engine {
+            EngineChoice::Auto => self.automatic,
+            given => given,
+        };
+        match choice {
+            EngineChoice::Gpu => self.gpu()?.begin(work, film),
+            EngineChoice::Cpu | EngineChoice::Auto => self.cpu.begin(work, film),
+        }
+    }
+}
