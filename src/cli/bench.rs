@@ -2,10 +2,12 @@
 
 use super::Failure;
 use crate::bench;
+use crate::params;
 use crate::render::gpu::GpuEngine;
-use anyhow::Result;
+use anyhow::{Result, anyhow};
 use clap::{Args, Subcommand};
 use std::io::Write;
+use std::path::PathBuf;
 
 /// Arguments of `candela bench`.
 #[derive(Debug, Args)]
@@ -24,6 +26,24 @@ enum What {
         scenes: Vec<String>,
         #[command(flatten)]
         rounds: Rounds,
+    },
+    /// The two engines against each other, pixel by pixel.
+    Agreement {
+        /// glTF files, and folders to be searched for them.
+        #[arg(required = true)]
+        scenes: Vec<PathBuf>,
+        /// Parameters of all pictures, as JSON; size and samples are set by the options below.
+        #[arg(long, default_value = "{}")]
+        params: String,
+        /// Pixels a side.
+        #[arg(long, default_value_t = 24)]
+        side: u32,
+        /// Samples per pixel of a batch.
+        #[arg(long, default_value_t = 64)]
+        samples: u32,
+        /// Batches of each engine, each with a seed of its own.
+        #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(3..))]
+        batches: u32,
     },
     /// What it saves to leave out what a picture does not need, and that the picture stays the same.
     Skip(Rounds),
@@ -57,6 +77,11 @@ fn measure(what: &What) -> Result<()> {
             let mut engine = GpuEngine::new()?;
             writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(engine.device()), rounds.rounds)?;
             bench::trace::run(&mut engine, &scenes, rounds.rounds, &mut out)?;
+        }
+        What::Agreement { scenes, params, side, samples, batches } => {
+            let params = params::from_json(params).map_err(|faults| anyhow!("{}", faults[0]))?;
+            let size = bench::agreement::Size { side: *side, samples: *samples, batches: *batches };
+            bench::agreement::run(scenes, &params, size, &mut out)?;
         }
         What::Skip(rounds) => bench::skip::run(&mut GpuEngine::new()?, rounds.rounds, &mut out)?,
         What::Http(rounds) => bench::http::run(rounds.rounds, &mut out)?,
