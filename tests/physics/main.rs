@@ -6,4 +6,5 @@ mod support;
 mod closed_form;
 mod direct;
 mod invariance;
+mod stability;
 mod third_party;
