@@ -7,6 +7,7 @@
 mod avx2;
 mod boxes;
 mod build;
+mod gather;
 mod simd;
 #[cfg(test)]
 mod tests;
