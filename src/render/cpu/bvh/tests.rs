@@ -168,10 +168,10 @@ fn check_hits(scene: &CompiledScene, reach: f64, rays: usize) {
 
 #[test]
 fn hits_are_those_of_all_triangles_in_one_level() {
-    for count in [1, 2, 3, 4, 5, 30, 1500] {
+    for count in [1, 2, 3, 4, 5, 9, 1500] {
         let scene = compiled(vec![soup(count, 3, 1.0)], &[(0, DAffine3::from_scale(DVec3::splat(2.0)))]);
         assert!(!scene.two_level);
-        if count >= 30 {
+        if count > 100 {
             check_hits(&scene, 2.0, 3000);
         }
         check_rays_at_triangles(&scene, 200);
