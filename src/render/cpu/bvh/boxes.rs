@@ -1,7 +1,7 @@
 //! Eight boxes against one ray, in f32, never missing what the f64 ray meets.
 //!
 //! Boxes are stored in units of their tree, in which all coordinates lie in [-1, 1]. With `o` the origin and `d` the
-//! direction in these units, `d` scaled so that its largest component is 1, the ray crosses the plane `b` of an axis at
+//! direction in these units, `d` scaled so that its largest component is 1 to 2, the ray crosses the plane `b` of an axis at
 //! `(b - o) / d`, evaluated as `b i - c`, where `i` is `1 / d` in f32. Why the interval of a box that the ray meets is
 //! never empty (compare Ize 2013, "Robust BVH Ray Traversal"):
 //!
@@ -11,7 +11,7 @@
 //! - `c` is `o i` by f64, moved outwards by more than its rounding to f32: up for the near planes, down for the far ones.
 //!   Where multiply and subtract are not fused, `b i` is rounded too, by at most 2^-24 |i| as |b| <= 1: half of `PAD`.
 //! - A component that is zero, or nearly, is replaced by one too small to matter: a ray leaves the unit box at a t of
-//!   at most `1 + |o|`, by when the replacement has moved it by less than 2^-25: the other half of `PAD`. This makes
+//!   at most `1 + |o|`, by when the replacement has moved it by less than 2^-26: within the other half of `PAD`. This makes
 //!   rays within the plane of a face meet the box, whose crossing would else be `0 * infinity`.
 //! - Crossings that overflow become infinite with the right sign; `c` is kept finite, so no NaN comes up.
 
@@ -25,6 +25,8 @@ const WIDEN: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 const PAD: f64 = 1.0 / (1 << 23) as f64;
 /// Twice the bound of the relative error of a rounding to f32.
 const ROUNDING: f64 = 1.0 / (1 << 23) as f64;
+/// The bits of the exponent of an f64.
+const EXPONENT: u64 = 0x7ff << 52;
 /// Least component of a direction, times the distance of what the ray can reach.
 const LEAST: f64 = 1.0 / (1 << 27) as f64;
 
@@ -125,8 +127,10 @@ impl<S: Simd> Slabs<S> {
     #[inline(always)]
     pub fn new(origin: DVec3, direction: DVec3, scale: f64) -> Self {
         let origin = origin * scale;
-        let longest = direction.abs().max_element();
-        let direction = direction * (1.0 / longest);
+        // The power of two at or below the longest component, and its inverse.
+        let exponent = direction.abs().max_element().to_bits() & EXPONENT;
+        let (length, inverse) = (f64::from_bits(exponent), f64::from_bits((2046 << 52) - exponent));
+        let direction = direction * inverse;
         let least = LEAST / (1.0 + origin.abs().max_element());
         let [x, y, z] = [
             Axis::new(origin.x, direction.x, least),
@@ -138,7 +142,7 @@ impl<S: Simd> Slabs<S> {
             near: splat::<S>([x.near, y.near, z.near]),
             far: splat::<S>([x.far, y.far, z.far]),
             near_rows: [x.row, 1 + y.row, 2 + z.row],
-            unit: longest * scale,
+            unit: length * scale,
         }
     }
 

@@ -2,8 +2,8 @@
 //! of more primitives.
 //!
 //! Testing eight boxes costs the same however many are in use, and so does a leaf. Hence leaves of a node are joined where the
-//! joint box is smaller than the two together (surface area heuristic), and nodes are dissolved into their parents
-//! where there is room.
+//! joint box is hardly larger than the two together (surface area heuristic), and nodes are dissolved into their parents
+//! where there is room. (The optimal cut of a binary tree into such nodes was tried: no faster, and three times the time to build.)
 
 use crate::compile::{Bounds, BvhNode};
 use glam::Vec3;
@@ -12,6 +12,8 @@ use rayon::prelude::*;
 
 /// Children of a node.
 const WIDTH: usize = 8;
+/// How much larger than two leaves together one may be that takes their place: measured, as fast as 1 and a fifth smaller.
+const JOIN: f64 = 1.2;
 /// Levels from the root that are worth a thread.
 const PARALLEL: u32 = 4;
 /// The box of nothing.
@@ -86,7 +88,7 @@ impl<F: Fn(u32) -> Bounds + Sync> Source<'_, F> {
         for b in 1..items.len() {
             for a in (0..b).filter(|a| size(&items[*a]) + size(&items[b]) <= self.leaf_size) {
                 let (one, other) = (items[a].bounds, items[b].bounds);
-                let gain = area(one) + area(other) - area(one.union(other));
+                let gain = JOIN * (area(one) + area(other)) - area(one.union(other));
                 if gain > best.0 {
                     best = (gain, a, b);
                 }

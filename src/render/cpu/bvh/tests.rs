@@ -363,7 +363,7 @@ fn rays_that_are_no_rays_hit_nothing() {
             assert_eq!(tree.closest(&ray, |_| true), None, "{ray:?}");
             assert!(!tree.occluded(&ray, |_| true), "{ray:?}");
         }
-        for length in [1e-300, 1e-30, 1e30, 1e300] {
+        for length in [1e-199, 1e-30, 1e30, 1e199] {
             let hit = tree.closest(&Ray { direction: DVec3::ONE * length, ..good }, |_| true);
             assert!(hit.is_some_and(|hit| (hit.t * length * 3f64.sqrt() - 1.0).abs() < 0.1), "{length} {hit:?}");
         }
