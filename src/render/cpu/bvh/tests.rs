@@ -1,10 +1,11 @@
 //! Hits against a search through all triangles, on both vector units; closed meshes without leaks.
 
-use super::simd::Portable;
+use super::boxes::{Node, Slabs};
+use super::simd::{Portable, Simd};
 use super::traverse::Unit;
 use super::triangle::{Block, Shear, intersect};
 use super::{Bvh, Hit, Ray};
-use crate::compile::{CompiledScene, Triangle, compile_scene};
+use crate::compile::{Bounds, CompiledScene, Triangle, compile_scene};
 use crate::scene::{Mesh, Node, Primitive, Scene, SceneRoot};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
@@ -140,7 +141,7 @@ fn trees(scene: &CompiledScene) -> Vec<Bvh> {
 /// Compares the hits of random rays within `reach` of the origin.
 fn check_hits(scene: &CompiledScene, reach: f64, rays: usize) {
     let trees = trees(scene);
-    let accept = |hit: &Hit| (hit.triangle + hit.instance) % 3 != 0;
+    let accept = |hit: &Hit| !(hit.triangle + hit.instance).is_multiple_of(3);
     let mut random = Random::new(5);
     let mut count = 0;
     for i in 0..rays {
@@ -300,6 +301,46 @@ fn grid(side: u32, axis: usize, height: f32) -> Primitive {
     let cells = (0..side).flat_map(|i| (0..side).map(move |j| i * (side + 1) + j));
     let triangles = cells.flat_map(|a| [[a, a + 1, a + side + 2], [a, a + side + 2, a + side + 1]]).collect();
     Primitive { positions, triangles, ..Primitive::default() }
+}
+
+/// Rays to points of boxes (corners, faces, inside), from near and far, some along axes and within planes of faces.
+fn check_boxes<S: Simd>() {
+    let mut random = Random::new(21);
+    for step in 0..100_000 {
+        // Few different numbers, so that planes coincide with rays; flat boxes too.
+        let coordinate = |random: &mut Random| {
+            let value = 2.0 * random.unit() - 1.0;
+            if step % 2 == 0 { (value * 4.0).round() / 4.0 } else { f64::from(value as f32) }
+        };
+        let mut corner = || DVec3::new(coordinate(&mut random), coordinate(&mut random), coordinate(&mut random));
+        let (a, b) = (corner(), corner());
+        let bounds = Bounds { min: a.min(b).as_vec3(), max: a.max(b).as_vec3() };
+        let node = Node::new([bounds].into_iter(), 1.0);
+        let part = DVec3::from_array(std::array::from_fn(|_| [0.0, 1.0, random.unit()][random.below(3)]));
+        let target = bounds.min.as_dvec3() + part * bounds.extent();
+        let mut offset = random.point() * 10f64.powf(12.0 * random.unit() - 3.0);
+        for axis in 0..3 {
+            offset[axis] *= f64::from(u8::from(random.unit() < 0.6));
+        }
+        if offset == DVec3::ZERO {
+            continue;
+        }
+        let origin = target + offset;
+        let ray = (origin, target - origin);
+        let slabs = Slabs::<S>::new(ray.0, ray.1, 1.0);
+        let (met, distances) = slabs.enter(&node, slabs.limit(1.0));
+        assert_eq!(met, 1, "{bounds:?} {ray:?}");
+        assert!(distances[0] <= slabs.limit(1.0));
+    }
+}
+
+#[test]
+fn boxes_are_met_by_all_rays_to_their_points() {
+    check_boxes::<Portable>();
+    #[cfg(target_arch = "x86_64")]
+    if Unit::detect() == Unit::Avx2 {
+        check_boxes::<super::avx2::Avx2>();
+    }
 }
 
 #[test]
