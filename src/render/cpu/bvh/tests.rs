@@ -1,6 +1,6 @@
 //! Hits against a search through all triangles, on both vector units; closed meshes without leaks.
 
-use super::boxes::{Node, Slabs};
+use super::boxes::{self, Slabs};
 use super::simd::{Portable, Simd};
 use super::traverse::Unit;
 use super::triangle::{Block, Shear, intersect};
@@ -315,7 +315,7 @@ fn check_boxes<S: Simd>() {
         let mut corner = || DVec3::new(coordinate(&mut random), coordinate(&mut random), coordinate(&mut random));
         let (a, b) = (corner(), corner());
         let bounds = Bounds { min: a.min(b).as_vec3(), max: a.max(b).as_vec3() };
-        let node = Node::new([bounds].into_iter(), 1.0);
+        let node = boxes::Node::new([bounds].into_iter(), 1.0);
         let part = DVec3::from_array(std::array::from_fn(|_| [0.0, 1.0, random.unit()][random.below(3)]));
         let target = bounds.min.as_dvec3() + part * bounds.extent();
         let mut offset = random.point() * 10f64.powf(12.0 * random.unit() - 3.0);
