@@ -74,7 +74,11 @@ impl<'a> Diffuse<'a> {
 
 /// The bits of even order, moved together: one coordinate of a Morton index.
 fn even_bits(morton: u32) -> u32 {
-    (0..16).map(|bit| (morton >> (2 * bit) & 1) << bit).sum()
+    let bits = morton & 0x5555_5555;
+    let bits = (bits | bits >> 1) & 0x3333_3333;
+    let bits = (bits | bits >> 2) & 0x0f0f_0f0f;
+    let bits = (bits | bits >> 4) & 0x00ff_00ff;
+    (bits | bits >> 8) & 0x0000_ffff
 }
 
 fn cosine_direction(normal: DVec3, random: &mut Random) -> DVec3 {

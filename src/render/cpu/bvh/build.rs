@@ -1,143 +1,76 @@
-//! [`CompiledScene`] -> [`Bvh`]. Which triangles lie together is taken from the scene's compressed trees; everything else,
-//! boxes above all, is made anew from the vertices.
+//! [`CompiledScene`] -> [`Bvh`].
 
 use super::boxes::{Child, Node};
+use super::gather::{Content, EMPTY, Item, Source, hull};
 use super::traverse::Unit;
 use super::triangle::Block;
 use super::{Bvh, Instance, Tree};
-use crate::compile::{Bounds, BvhNode, CompiledScene, Triangle};
+use crate::compile::{Bounds, CompiledScene};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
-use obvhs::cwbvh::node::CwBvhNode;
 use rayon::prelude::*;
 
-/// A run of primitives: first and number.
-type Leaf = (u32, u32);
-
 impl Bvh {
-    /// Builds the trees of a scene, on all cores.
+    /// Builds the trees of a scene, on all cores. Which triangles lie together is taken from the scene's compressed trees;
+    /// everything else, boxes above all, is made anew from the vertices.
     pub fn new(scene: &CompiledScene) -> Self {
         let mut roots: Vec<u32> = scene.instances.iter().map(|instance| instance.root).collect();
         roots.sort_unstable();
         roots.dedup();
+        let source = Source {
+            nodes: &scene.nodes,
+            leaf_size: Block::SIZE,
+            bounds: |index: u32| {
+                let triangle = &scene.triangles[index as usize];
+                [triangle.v0, triangle.v1, triangle.v2].map(Vec3::from_array).into_iter().fold(EMPTY, Bounds::with)
+            },
+        };
+        let gathered: Vec<Vec<Item>> = roots.par_iter().map(|root| source.gather(*root, 0)).collect();
+        let instance = |instance: &crate::compile::Instance| Instance {
+            to_object: affine(&instance.to_object),
+            tree: roots.partition_point(|root| *root < instance.root) as u32,
+        };
         let mut bvh = Self {
             nodes: Vec::new(),
             blocks: Vec::new(),
             top: None,
             trees: Vec::new(),
-            instances: Vec::new(),
+            instances: scene.instances.par_iter().map(instance).collect(),
             unit: Unit::detect(),
         };
-        // Per tree, the boxes of its root's children.
-        let mut hulls = Vec::new();
-        for (index, root) in roots.iter().enumerate() {
-            let end = roots.get(index + 1).map_or(scene.nodes.len(), |next| *next as usize);
-            hulls.push(bvh.add_triangles(scene, &scene.nodes[*root as usize..end], *root));
-        }
-        bvh.instances = (scene.instances.par_iter())
-            .map(|instance| Instance {
-                to_object: affine(&instance.to_object),
-                tree: roots.partition_point(|root| *root < instance.root) as u32,
-            })
-            .collect();
         if scene.two_level {
-            let end = roots.first().map_or(scene.nodes.len(), |root| *root as usize);
-            bvh.add_instances(&scene.nodes[..end], &hulls);
+            let world = |i: &Instance| world_bounds(&gathered[i.tree as usize], &i.to_object);
+            let bounds: Vec<Bounds> = bvh.instances.par_iter().map(world).collect();
+            let source = Source { nodes: &scene.nodes, leaf_size: 1, bounds: |index: u32| bounds[index as usize] };
+            bvh.top = Some(bvh.add_tree(&source.gather(0, 0), &mut |_, primitives| Child::leaf(primitives[0])));
+        }
+        for items in &gathered {
+            let tree = bvh.add_tree(items, &mut |bvh, primitives| {
+                bvh.blocks.push(Block::new(&scene.triangles, primitives));
+                Child::leaf(bvh.blocks.len() as u32 - 1)
+            });
+            bvh.trees.push(tree);
         }
         bvh
     }
 
-    /// Adds the tree of a mesh and returns the boxes of its root's children.
-    fn add_triangles(&mut self, scene: &CompiledScene, nodes: &[BvhNode], root: u32) -> [Bounds; 8] {
-        let mut leaves: Vec<Leaf> = Vec::new();
-        let first_block = self.blocks.len();
-        let children = topology(nodes, root, Block::SIZE as u32, |leaf| {
-            leaves.push(leaf);
-            Child::leaf(leaves.len() as u32 - 1)
-        });
-        let triangles = |(first, count): Leaf| &scene.triangles[first as usize..(first + count) as usize];
-        self.blocks.par_extend(leaves.par_iter().map(|leaf| Block::new(triangles(*leaf), leaf.0)));
-        let bounds: Vec<Bounds> = leaves.par_iter().map(|leaf| hull(triangles(*leaf))).collect();
-        let (tree, hull) = self.add_nodes(&children, &bounds, first_block as u32);
-        self.trees.push(tree);
-        hull
+    fn add_tree(&mut self, items: &[Item], leaf: &mut impl FnMut(&mut Self, &[u32]) -> Child) -> Tree {
+        let scale = unit_scale(hull(items));
+        let root = self.add_node(items, scale, leaf);
+        Tree { root, scale }
     }
 
-    /// Adds the top level.
-    fn add_instances(&mut self, nodes: &[BvhNode], hulls: &[[Bounds; 8]]) {
-        let children = topology(nodes, 0, 1, |(first, _)| Child::leaf(first));
-        let world = |i: &Instance| world_bounds(&hulls[i.tree as usize], &i.to_object);
-        let bounds: Vec<Bounds> = self.instances.par_iter().map(world).collect();
-        self.top = Some(self.add_nodes(&children, &bounds, 0).0);
-    }
-
-    /// Adds nodes with boxes around their children, given those of the leaves. Children's indices count from 0; in
-    /// the end, those of leaves count from `first_leaf`. Also returns the boxes of the root's children.
-    fn add_nodes(&mut self, children: &[[Child; 8]], leaves: &[Bounds], first_leaf: u32) -> (Tree, [Bounds; 8]) {
-        let root = self.nodes.len() as u32;
-        let boxes = boxes(children, leaves);
-        let hull = boxes.first().map_or([EMPTY; 8], |root| *root);
-        let scale = unit_scale(union(&hull));
-        self.nodes.par_extend(boxes.par_iter().zip(children).map(|(boxes, children)| {
-            let moved = children.map(|child| match child {
-                Child::NONE => child,
-                leaf if leaf.is_leaf() => Child::leaf(leaf.index() as u32 + first_leaf),
-                node => Child::node(node.index() as u32 + root),
-            });
-            Node::new(boxes, moved, scale)
-        }));
-        (Tree { root, scale }, hull)
-    }
-}
-
-const EMPTY: Bounds = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
-
-fn hull(triangles: &[Triangle]) -> Bounds {
-    let vertices = triangles.iter().flat_map(|triangle| [triangle.v0, triangle.v1, triangle.v2]);
-    vertices.fold(EMPTY, |all, vertex| all.with(Vec3::from_array(vertex)))
-}
-
-fn union(boxes: &[Bounds]) -> Bounds {
-    boxes.iter().fold(EMPTY, |all, b| all.union(*b))
-}
-
-/// Children of each node, parents first, indices counting from 0. Leaves of more than `most` primitives become nodes with
-/// a leaf for each. `root`: index of the first node in its own numbering.
-fn topology(nodes: &[BvhNode], root: u32, most: u32, mut leaf: impl FnMut(Leaf) -> Child) -> Vec<[Child; 8]> {
-    let mut all = vec![[Child::NONE; 8]; nodes.len()];
-    for (index, node) in nodes.iter().enumerate() {
-        let node: CwBvhNode = bytemuck::cast(*node);
-        for slot in (0..8).filter(|slot| node.child_meta[*slot] != 0) {
-            all[index][slot] = if !node.is_leaf(slot) {
-                Child::node(node.child_node_index(slot) - root)
-            } else {
-                let (first, count) = node.child_primitives(slot);
-                if count <= most {
-                    leaf((first, count))
-                } else {
-                    let mut below = [Child::NONE; 8];
-                    for (child, primitive) in below.iter_mut().zip(first..first + count) {
-                        *child = leaf((primitive, 1));
-                    }
-                    all.push(below);
-                    Child::node(all.len() as u32 - 1)
-                }
+    /// Adds a node and all below it, children after parents; returns its index.
+    fn add_node(&mut self, items: &[Item], scale: f64, leaf: &mut impl FnMut(&mut Self, &[u32]) -> Child) -> u32 {
+        let index = self.nodes.len();
+        self.nodes.push(Node::new(items.iter().map(|item| item.bounds), scale));
+        for (slot, item) in items.iter().enumerate() {
+            self.nodes[index].children[slot] = match &item.content {
+                Content::Leaf(primitives) => leaf(self, primitives),
+                Content::Node(below) => Child::node(self.add_node(below, scale, leaf)),
             };
         }
+        index as u32
     }
-    all
-}
-
-/// Boxes of the children of all nodes.
-fn boxes(children: &[[Child; 8]], leaves: &[Bounds]) -> Vec<[Bounds; 8]> {
-    let mut boxes = vec![[EMPTY; 8]; children.len()];
-    for index in (0..children.len()).rev() {
-        boxes[index] = children[index].map(|child| match child {
-            Child::NONE => EMPTY,
-            leaf if leaf.is_leaf() => leaves[leaf.index()],
-            node => union(&boxes[node.index()]),
-        });
-    }
-    boxes
 }
 
 /// The power of two that takes all coordinates of a box into [-1, 1].
@@ -151,17 +84,13 @@ fn affine(rows: &[[f32; 4]; 3]) -> DAffine3 {
     DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
 }
 
-/// World bounds of what lies in the boxes, as a ray sees it that goes through `to_object`. Empty if the map cannot be
-/// inverted: then no ray arrives in it either.
-fn world_bounds(boxes: &[Bounds; 8], to_object: &DAffine3) -> Bounds {
+/// World bounds of what lies in the boxes of a tree's root, as a ray sees it that goes through `to_object`. Empty if the
+/// map cannot be inverted: then no ray arrives in it either.
+fn world_bounds(items: &[Item], to_object: &DAffine3) -> Bounds {
     let inverse = to_object.inverse();
-    if !inverse.is_finite() {
-        return EMPTY;
-    }
-    let corners = boxes.iter().filter(|b| !b.is_empty()).flat_map(|b| b.corners());
-    let placed = corners.map(|corner| inverse.transform_point3(corner));
+    let placed = items.iter().flat_map(|item| item.bounds.corners()).map(|corner| inverse.transform_point3(corner));
     let (min, max) = placed.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)));
-    if !min.cmple(max).all() {
+    if !(inverse.is_finite() && min.cmple(max).all()) {
         return EMPTY;
     }
     // The ray's way through the map A and the inverse M were rounded: |M| (|A| |x| + |t|) times some 2^-53.

@@ -7,6 +7,7 @@
 mod avx2;
 mod boxes;
 mod build;
+mod gather;
 mod simd;
 #[cfg(test)]
 mod tests;
@@ -23,7 +24,7 @@ use triangle::Block;
 pub struct Ray {
     /// Where it starts.
     pub origin: DVec3,
-    /// Where it goes; of any length but zero.
+    /// Where it goes; of any length from 1e-200 to 1e200.
     pub direction: DVec3,
     /// Hits lie strictly between 0 and this multiple of the direction.
     pub t_max: f64,
@@ -95,7 +96,7 @@ impl Bvh {
     /// no particular order; false lets the ray pass.
     ///
     /// Of hits at the same distance it is that of the lowest instance and triangle. A ray that is not finite or has no
-    /// direction meets nothing.
+    /// direction (of such a length) meets nothing.
     pub fn closest(&self, ray: &Ray, accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
         traverse::search::<false>(self, ray, accept)
     }

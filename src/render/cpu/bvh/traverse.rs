@@ -7,17 +7,21 @@ use super::{Bvh, Hit, Ray, Tree};
 use crate::compile::Triangle;
 use glam::DVec3;
 use std::mem::MaybeUninit;
+use std::ops::RangeInclusive;
 
 /// Entries of a stack: a walk leaves at most seven children behind per level, and a tree has at most
 /// 67 levels (`compile::bvh`: 40 + log2 of the number of triangles; one more for instances).
 const STACK: usize = 512;
+
+/// Directions that can be scaled without overflow, in every space.
+const LENGTHS: RangeInclusive<f64> = 1e-200..=1e200;
 
 /// The vector unit to use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {
     /// Any processor.
     Portable,
-    /// AVX2 and FMA; only [`Unit::detect`] makes it.
+    /// AVX2, FMA and BMI1; only [`Unit::detect`] makes it.
     #[cfg(target_arch = "x86_64")]
     Avx2,
 }
@@ -26,7 +30,7 @@ impl Unit {
     /// The best that this processor has.
     pub fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") && is_x86_feature_detected!("bmi1") {
             return Self::Avx2;
         }
         Self::Portable
@@ -44,8 +48,8 @@ impl Unit {
 
 /// The closest hit, or if `ANY` some hit.
 pub fn search<const ANY: bool>(bvh: &Bvh, ray: &Ray, accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
-    let finite = ray.origin.is_finite() && ray.direction.is_finite();
-    if !finite || ray.direction == DVec3::ZERO {
+    let is_finite = ray.origin.is_finite() && ray.direction.is_finite();
+    if !is_finite || !LENGTHS.contains(&ray.direction.abs().max_element()) {
         return None;
     }
     match bvh.unit {
@@ -57,7 +61,7 @@ pub fn search<const ANY: bool>(bvh: &Bvh, ray: &Ray, accept: impl FnMut(&Hit) ->
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+#[target_feature(enable = "avx2,fma,bmi1")]
 fn search_avx2<A: FnMut(&Hit) -> bool, const ANY: bool>(bvh: &Bvh, ray: &Ray, accept: A) -> Option<Hit> {
     search_with::<super::avx2::Avx2, A, ANY>(bvh, ray, accept)
 }
@@ -142,8 +146,8 @@ impl<A: FnMut(&Hit) -> bool, const ANY: bool> Search<'_, A, ANY> {
 ///
 /// Traits and not closures: these would not take on the target features of the function that they end up in.
 trait Leaves {
-    /// Looks into a leaf and returns the limit from there on; a negative one ends the walk.
-    fn visit(&mut self, leaf: usize) -> f32;
+    /// Looks into a leaf up to a limit and returns the limit from there on; a negative one ends the walk.
+    fn visit(&mut self, leaf: usize, limit: f32) -> f32;
 }
 
 /// Leaves are blocks of triangles.
@@ -156,11 +160,10 @@ struct BlockLeaves<'s, 'a, S: Simd, A, const ANY: bool> {
 
 impl<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool> Leaves for BlockLeaves<'_, '_, S, A, ANY> {
     #[inline(always)]
-    fn visit(&mut self, leaf: usize) -> f32 {
+    fn visit(&mut self, leaf: usize, limit: f32) -> f32 {
         let block = &self.search.bvh.blocks[leaf];
-        if let Some(hits) = intersect::<S>(block, &self.shear, self.search.best.t) {
-            self.search.take(block, &hits, self.instance);
-        }
+        let Some(hits) = intersect::<S>(block, &self.shear, self.search.best.t) else { return limit };
+        self.search.take(block, &hits, self.instance);
         self.search.limit(self.slabs)
     }
 }
@@ -174,7 +177,7 @@ struct InstanceLeaves<'s, 'a, S: Simd, A, const ANY: bool> {
 
 impl<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool> Leaves for InstanceLeaves<'_, '_, S, A, ANY> {
     #[inline(always)]
-    fn visit(&mut self, leaf: usize) -> f32 {
+    fn visit(&mut self, leaf: usize, _: f32) -> f32 {
         let bvh = self.search.bvh;
         let instance = &bvh.instances[leaf];
         let origin = instance.to_object.transform_point3(self.ray.origin);
@@ -230,6 +233,9 @@ impl Stack {
         if met == 0 {
             return None;
         }
+        if met & (met - 1) == 0 {
+            return Some(node.children[(met.trailing_zeros() & 7) as usize]);
+        }
         let base = self.len;
         let mut nearest = take_first(node, &mut met, distances);
         while met != 0 {
@@ -269,7 +275,7 @@ fn walk<S: Simd>(nodes: &[Node], root: u32, slabs: &Slabs<S>, mut limit: f32, mu
             };
             current = nearest;
         }
-        limit = leaves.visit(current.index());
+        limit = leaves.visit(current.index(), limit);
         let Some(child) = stack.pop(limit) else { return };
         current = child;
     }

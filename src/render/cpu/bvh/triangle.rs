@@ -25,16 +25,17 @@ impl Block {
     /// Triangles in a block.
     pub const SIZE: usize = 4;
 
-    /// The first of up to four triangles has this index in the scene.
-    pub fn new(triangles: &[Triangle], first: u32) -> Self {
+    /// Of the triangles with these indices, four at most.
+    pub fn new(triangles: &[Triangle], indices: &[u32]) -> Self {
         let mut block = Self { vertices: [[[f32::NAN; 4]; 3]; 3], ids: [0; 4] };
-        for (lane, (triangle, id)) in triangles.iter().zip(first..).take(Self::SIZE).enumerate() {
+        for (lane, index) in indices.iter().enumerate() {
+            let triangle = &triangles[*index as usize];
             for (rows, vertex) in block.vertices.iter_mut().zip([triangle.v0, triangle.v1, triangle.v2]) {
                 for (row, coordinate) in rows.iter_mut().zip(vertex) {
                     row[lane] = coordinate;
                 }
             }
-            block.ids[lane] = id | triangle.material & Triangle::ALPHA;
+            block.ids[lane] = index | triangle.material & Triangle::ALPHA;
         }
         block
     }
