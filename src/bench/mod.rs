@@ -2,7 +2,6 @@
 //! shared machine only ratios of the same run mean anything.
 
 pub mod agreement;
-mod diffuse;
 pub mod http;
 pub mod memory;
 pub mod skip;

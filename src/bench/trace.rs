@@ -1,11 +1,11 @@
 //! Paths per second on meshes of growing size, beside a native tracer in the same run.
 
-use super::diffuse::Diffuse;
 use super::yardstick::{Pinhole, Yardstick};
 use crate::compile::{self, CompiledScene};
-use crate::render::Work;
+use crate::render::cpu::CpuEngine;
 use crate::render::gpu::GpuEngine;
 use crate::render::prepare::{prepare, render_to_end};
+use crate::render::{Engine, Work};
 use crate::scene::{self, Limits, Package, Scene};
 use anyhow::{Context, Result};
 use glam::Vec3;
@@ -38,14 +38,15 @@ fn run_mesh(engine: &mut GpuEngine, scene: &Scene, rounds: u32, out: &mut dyn Wr
     let primitive = &scene.meshes[0].primitives[0];
     let yardstick = Yardstick::new(&primitive.positions, &primitive.triangles);
     let begun = Instant::now();
-    let diffuse = Diffuse::new(&compiled);
+    let mut processor = CpuEngine::new();
+    let tree = processor.tree(&compiled);
     let cpu_build = begun.elapsed();
     // Compute, CPU, obvhs: paths per second and mean of the picture.
     let (mut rates, mut means) = ([0.0f64; 3], [0.0; 3]);
     for round in 0..=rounds {
         let measured = [
-            time_compute(engine, diffuse_work(scene, &compiled, round)?)?,
-            time(|| diffuse.render(CAMERA, SIDE, f64::from(ALBEDO), SEGMENTS, round)),
+            time_engine(engine, diffuse_work(scene, &compiled, round)?)?,
+            time_engine(&mut processor, diffuse_work(scene, &compiled, round)?)?,
             time(|| yardstick.render(CAMERA, SIDE, ALBEDO, SEGMENTS, round)),
         ];
         // The first round warms up.
@@ -55,7 +56,7 @@ fn run_mesh(engine: &mut GpuEngine, scene: &Scene, rounds: u32, out: &mut dyn Wr
         }
     }
     let triangles = compiled.triangles.len() as f64;
-    let stats = diffuse.bvh().stats();
+    let stats = tree.stats();
     let trees = format!(
         "{triangles} | {:.0} | {:.2} | {:.0} | {:.0} | {:.0} | {:.1}, {:.1}",
         compiled.stats.bvh_seconds * 1e3,
@@ -81,7 +82,7 @@ fn time(render: impl FnOnce() -> f64) -> (f64, f64) {
 }
 
 /// (paths per second, mean of the picture)
-fn time_compute(engine: &mut GpuEngine, work: Work) -> Result<(f64, f64)> {
+fn time_engine(engine: &mut dyn Engine, work: Work) -> Result<(f64, f64)> {
     let samples = work.settings.max_samples;
     let rendered = render_to_end(engine, work, &mut |_| {})?;
     let picture = rendered.film.picture();

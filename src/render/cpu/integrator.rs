@@ -65,7 +65,11 @@ impl Integrator {
     pub fn sample(&self, x: u32, y: u32, sampler: &Sampler) -> DVec4 {
         let ray = self.camera.ray(x, y, sampler);
         let mut path = Path { ray, throughput: DVec3::ONE, radiance: DVec3::ZERO, bounce: 0, pdf: None };
-        let coverage = self.camera_hit(&mut path, sampler).map(|hit| self.follow(&mut path, hit, sampler)).is_some();
+        let seen = self.camera_hit(&mut path, sampler);
+        let coverage = seen.is_some();
+        if let Some((hit, surface)) = seen {
+            self.follow(&mut path, hit, surface, sampler);
+        }
         let view = &self.work.view;
         if !coverage && !view.transparent && self.work.lighting.environment.visible {
             path.radiance += environment::radiance(&self.work.lighting.environment, path.ray.direction);
@@ -74,22 +78,20 @@ impl Integrator {
     }
 
     /// What the camera sees: the backs of one-sided surfaces are passed (glTF 2.0, 3.9.6).
-    fn camera_hit(&self, path: &mut Path, sampler: &Sampler) -> Option<Hit> {
+    fn camera_hit(&self, path: &mut Path, sampler: &Sampler) -> Option<(Hit, Surface<'_>)> {
         loop {
             let hit = self.closest(path, sampler)?;
             let surface = Surface::new(&self.work.scene, &hit, path.ray.direction);
             if !surface.back || surface.material.flags & Material::DOUBLE_SIDED != 0 {
-                return Some(hit);
+                return Some((hit, surface));
             }
             path.ray.origin = surface.leave(path.ray.direction);
         }
     }
 
     /// From the first surface on.
-    fn follow(&self, path: &mut Path, first: Hit, sampler: &Sampler) {
-        let mut hit = first;
+    fn follow<'a>(&'a self, path: &mut Path, mut hit: Hit, mut surface: Surface<'a>, sampler: &Sampler) {
         loop {
-            let surface = Surface::new(&self.work.scene, &hit, path.ray.direction);
             if surface.material.flags & Material::UNLIT != 0 {
                 path.radiance += path.throughput * surface.base_color().truncate();
                 return;
@@ -104,7 +106,10 @@ impl Integrator {
                 return;
             }
             match self.closest(path, sampler) {
-                Some(next) => hit = next,
+                Some(next) => {
+                    hit = next;
+                    surface = Surface::new(&self.work.scene, &hit, path.ray.direction);
+                }
                 None => {
                     path.radiance += path.throughput * self.distant(path);
                     return;

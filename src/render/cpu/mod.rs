@@ -49,7 +49,8 @@ impl CpuEngine {
         &self.info
     }
 
-    fn tree(&mut self, scene: &Arc<CompiledScene>) -> Arc<Bvh> {
+    /// The tree of a scene, built if need be.
+    pub fn tree(&mut self, scene: &Arc<CompiledScene>) -> Arc<Bvh> {
         self.trees.retain(|(source, _)| source.strong_count() > 0);
         let known = self.trees.iter().find(|(source, _)| source.as_ptr() == Arc::as_ptr(scene));
         if let Some((_, tree)) = known {
