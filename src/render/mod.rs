@@ -39,6 +39,8 @@ pub struct Settings {
     pub engine: EngineChoice,
     /// Transport.
     pub mode: Mode,
+    /// How light is looked for.
+    pub strategy: Strategy,
     /// Scattering events per path; none: unlimited.
     pub max_bounces: Option<u32>,
     /// Energy compensation of microfacets.
@@ -51,6 +53,27 @@ pub struct Settings {
     pub target_error: Option<f64>,
     /// Tracing time to stop at.
     pub deadline: Option<Duration>,
+}
+
+/// How light is looked for. Every choice gives the same picture but for noise: requests take the default, the others are there
+/// to be compared with it (`candela bench error`).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Strategy {
+    /// Owen-scrambled Sobol points rather than independent random numbers.
+    pub sobol: bool,
+    /// Lights are sampled. Without, those that a scattered ray can meet are left to such rays.
+    pub light_samples: bool,
+    /// Scattered rays count the light that they meet, weighted where it was sampled too. Without, only light that no sample
+    /// could have found counts.
+    pub scattered_light: bool,
+    /// Dim paths end by chance.
+    pub roulette: bool,
+}
+
+impl Default for Strategy {
+    fn default() -> Self {
+        Self { sobol: true, light_samples: true, scattered_light: true, roulette: true }
+    }
 }
 
 /// Why a render ended.

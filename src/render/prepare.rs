@@ -1,6 +1,6 @@
 //! The one way from a scene and a request to [`Work`], and from [`Work`] to a film where nothing else wants the device.
 
-use super::{DeviceInfo, Engine, NonFinite, RenderError, Settings, StopReason, Work};
+use super::{DeviceInfo, Engine, NonFinite, RenderError, Settings, StopReason, Strategy, Work};
 use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Hdri};
 use crate::film::Film;
 use crate::params::RenderParams;
@@ -47,6 +47,7 @@ impl From<&RenderParams> for Settings {
         Self {
             engine: params.engine,
             mode: params.mode,
+            strategy: Strategy::default(),
             max_bounces: params.max_bounces,
             multiple_scattering: params.multiple_scattering,
             seed: params.seed,

@@ -10,7 +10,7 @@ use super::sampling::power_heuristic;
 use super::surface::{Surface, coverage};
 use crate::compile::{EnvironmentKind, Hdri, Material};
 use crate::params::Mode;
-use crate::render::Work;
+use crate::render::{Strategy, Work};
 use glam::{DMat3, DVec3, DVec4};
 
 /// Scattering events before a path may end by chance.
@@ -140,7 +140,7 @@ impl Integrator {
         path.throughput *= scattered.weight;
         path.pdf = scattered.pdf;
         path.bounce += 1;
-        if path.bounce >= ROULETTE_START {
+        if self.work.settings.strategy.roulette && path.bounce >= ROULETTE_START {
             let probability = path.throughput.max_element().min(ROULETTE_MOST);
             if survival >= probability {
                 return false;
@@ -160,7 +160,8 @@ impl Integrator {
         let index = lighting.lights.len() + emitter;
         let probability = self.lights.probability(lighting, index) * (1.0 - self.environment_share());
         let cosine = path.ray.direction.dot(surface.geometric_normal);
-        radiance * power_heuristic(pdf, light::emitter_pdf(&lighting.picks[index], probability, hit.t * hit.t, cosine))
+        radiance
+            * self.scattered_weight(pdf, light::emitter_pdf(&lighting.picks[index], probability, hit.t * hit.t, cosine))
     }
 
     /// Light from infinity that a scattered path has come upon.
@@ -169,7 +170,7 @@ impl Integrator {
         let mut radiance = environment::radiance(environment, path.ray.direction);
         if let (Some(pdf), Some(hdri)) = (path.pdf, self.sampled_picture()) {
             let other = environment::pdf(hdri, environment.rotation, path.ray.direction) * self.environment_share();
-            radiance *= power_heuristic(pdf, other);
+            radiance *= self.scattered_weight(pdf, other);
         }
         radiance + environment.ambient.as_dvec3()
     }
@@ -186,7 +187,7 @@ impl Integrator {
         }
         let wi = vertex.frame.transpose() * light.direction.normalize();
         let (value, pdf) = vertex.bsdf.evaluate(wi);
-        let weight = light.pdf.map_or(1.0, |taken| power_heuristic(taken, pdf));
+        let weight = light.pdf.map_or(1.0, |taken| self.sampled_weight(taken, pdf));
         let contribution = value * light.weight * weight;
         if contribution.max_element() <= 0.0 {
             return ambient;
@@ -194,6 +195,26 @@ impl Integrator {
         let ray = Ray { origin: light.origin, direction: light.direction, t_max: light.t_max };
         let blocked = self.bvh.occluded(&ray, |hit| self.stops(hit, RayKind::Shadow, vertex.bounce, sampler));
         if blocked { ambient } else { ambient + contribution }
+    }
+
+    /// Weight of sampled light that a scattered ray can find too.
+    fn sampled_weight(&self, taken: f64, other: f64) -> f64 {
+        let Strategy { light_samples, scattered_light, .. } = self.work.settings.strategy;
+        if light_samples && scattered_light {
+            power_heuristic(taken, other)
+        } else {
+            f64::from(u8::from(light_samples))
+        }
+    }
+
+    /// Weight of light that a scattered ray has found, and a sample could have.
+    fn scattered_weight(&self, taken: f64, other: f64) -> f64 {
+        let Strategy { light_samples, scattered_light, .. } = self.work.settings.strategy;
+        if light_samples && scattered_light {
+            power_heuristic(taken, other)
+        } else {
+            f64::from(u8::from(scattered_light))
+        }
     }
 
     fn light_sample(&self, vertex: &Vertex, sampler: &Sampler) -> Option<LightSample> {

@@ -21,6 +21,7 @@ pub struct CpuRender {
     integrator: Integrator,
     schedule: Schedule,
     seed: u32,
+    sobol: bool,
     max_samples: u32,
     film: Film,
     /// The pass under way, the tiles of it that are done, and their sums.
@@ -39,6 +40,7 @@ impl CpuRender {
             info,
             schedule: Schedule::new(&settings),
             seed: settings.seed,
+            sobol: settings.strategy.sobol,
             max_samples: settings.max_samples,
             integrator: Integrator::new(work, tree),
             film,
@@ -67,7 +69,8 @@ impl CpuRender {
             let pixel = y * self.film.width() + x;
             let mut sum = DVec4::ZERO;
             for sample in pass.first..pass.first + pass.samples {
-                let value = self.integrator.sample(x, y, &Sampler::new(pixel, sample, pass.replicate, self.seed));
+                let value =
+                    self.integrator.sample(x, y, &Sampler::new(pixel, sample, pass.replicate, self.seed, self.sobol));
                 match value {
                     _ if value.is_finite() => sum += value,
                     _ if value.is_nan() => dropped.nan += 1,

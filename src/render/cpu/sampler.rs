@@ -41,18 +41,23 @@ pub struct Sampler {
     /// Hash of pixel, replicate and seed.
     stream: u64,
     sample: u32,
+    sobol: bool,
 }
 
 impl Sampler {
     /// Numbers of one sample of one pixel.
-    pub fn new(pixel: u32, sample: u32, replicate: u32, seed: u32) -> Self {
+    pub fn new(pixel: u32, sample: u32, replicate: u32, seed: u32, sobol: bool) -> Self {
         let place = u64::from(pixel) << 32 | u64::from(replicate);
-        Self { stream: mix(mix(place) ^ u64::from(seed)), sample }
+        Self { stream: mix(mix(place) ^ u64::from(seed)), sample, sobol }
     }
 
     /// A point in (0, 1)^2.
     pub fn pair(&self, dimension: Dimension) -> [f64; 2] {
         let key = mix(self.stream ^ mix(dimension.index()));
+        if !self.sobol {
+            let numbers = mix(key ^ mix(u64::from(self.sample)));
+            return [numbers as u32, (numbers >> 32) as u32].map(unit);
+        }
         // The two halves of the key shuffle and scramble; a third hash keeps the coordinates apart.
         let x = permute(self.sample.reverse_bits(), key as u32);
         let y = second_dimension(x);
@@ -111,7 +116,7 @@ mod tests {
         for seed in 0..50 {
             for log in [1u32, 4, 8] {
                 let points: Vec<[f64; 2]> =
-                    (0..1 << log).map(|i| Sampler::new(7, i, 0, seed).pair(Dimension::Lobe(seed))).collect();
+                    (0..1 << log).map(|i| Sampler::new(7, i, 0, seed, true).pair(Dimension::Lobe(seed))).collect();
                 for split in 0..=log {
                     let (across, down) = ((1u32 << split) as f64, (1u32 << (log - split)) as f64);
                     let mut cells: Vec<u64> =

@@ -3,7 +3,7 @@
 use super::device::Gpu;
 use crate::compile::Features;
 use crate::params::Mode;
-use crate::render::Work;
+use crate::render::{Strategy, Work};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -22,6 +22,7 @@ struct Variant {
     features: Features,
     direct: bool,
     multiple_scattering: bool,
+    strategy: Strategy,
     /// Entries of the stack in memory; 1: it is in registers.
     stack: u32,
 }
@@ -56,6 +57,7 @@ impl Pipelines {
             features: work.features,
             direct: work.settings.mode == Mode::Direct,
             multiple_scattering: work.settings.multiple_scattering,
+            strategy: work.settings.strategy,
             stack: stack_size(work.scene.depth, work.scene.two_level, gpu.info.hardware),
         };
         if let Some(pipeline) = self.made.get(&variant) {
@@ -94,7 +96,7 @@ fn compile_module(gpu: &Gpu, stack: u32) -> wgpu::ShaderModule {
 }
 
 /// Values of the override constants of `shaders/lib/features.wesl`.
-fn constants(variant: Variant) -> [(&'static str, f64); 20] {
+fn constants(variant: Variant) -> [(&'static str, f64); 24] {
     let f = variant.features;
     let flag = |value: bool| f64::from(u8::from(value));
     [
@@ -117,6 +119,10 @@ fn constants(variant: Variant) -> [(&'static str, f64); 20] {
         ("ENVIRONMENT", f64::from(f.environment)),
         ("DIRECT", flag(variant.direct)),
         ("MULTIPLE_SCATTERING", flag(variant.multiple_scattering)),
+        ("SOBOL", flag(variant.strategy.sobol)),
+        ("LIGHT_SAMPLES", flag(variant.strategy.light_samples)),
+        ("SCATTERED_LIGHT", flag(variant.strategy.scattered_light)),
+        ("ROULETTE", flag(variant.strategy.roulette)),
         ("STACK_IN_REGISTERS", flag(variant.stack == 1)),
     ]
 }
@@ -155,7 +161,8 @@ mod tests {
     fn every_override_is_set() {
         let module = naga::front::wgsl::parse_str(PATHTRACE_WGSL).expect("WGSL that parses");
         let declared: BTreeSet<&str> = module.overrides.iter().filter_map(|(_, o)| o.name.as_deref()).collect();
-        let variant = Variant { features: Features::default(), direct: false, multiple_scattering: true, stack: 1 };
+        let (features, strategy) = (Features::default(), Strategy::default());
+        let variant = Variant { features, direct: false, multiple_scattering: true, strategy, stack: 1 };
         let set: BTreeSet<&str> = constants(variant).iter().map(|(name, _)| *name).collect();
         assert_eq!(declared, set);
     }
