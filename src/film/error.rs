@@ -33,13 +33,13 @@ struct Block {
 }
 
 impl Film {
-    /// The error of [`Film::picture`]; none while fewer than two replicates have samples.
+    /// The error of [`Film::picture`]; none while there is a pixel that fewer than two replicates have samples of.
     pub fn error(&self) -> Option<ErrorEstimate> {
-        let used = self.replicates.iter().filter(|(samples, _)| *samples > 0).count();
+        let used = self.used_replicates();
         if used < 2 {
             return None;
         }
-        let blocks = self.blocks(used);
+        let blocks = self.blocks();
         let typical = typical_radiance(&blocks);
         let mut pixels = 0.0;
         let mut sum = 0.0;
@@ -62,15 +62,23 @@ impl Film {
         Some(ErrorEstimate { relative_rms, upper_bound_95: relative_rms * bound.sqrt() })
     }
 
-    fn blocks(&self, used: usize) -> Vec<Block> {
-        let (width, height) = (self.width as usize, self.height as usize);
+    /// Replicates that have samples, where that is fewest.
+    fn used_replicates(&self) -> usize {
+        let used = |tile| (0..REPLICATES as u32).filter(|&r| self.replicate_samples(r, tile) > 0).count();
+        let tiles = 0..self.tiles.count();
+        tiles.filter(|&tile| self.tiles.pixels(tile) > 0).map(used).min().unwrap_or(0)
+    }
+
+    fn blocks(&self) -> Vec<Block> {
+        let (width, height) = (self.width() as usize, self.height() as usize);
         (0..height.div_ceil(BLOCK))
             .into_par_iter()
             .flat_map_iter(|row| {
                 let mut blocks = vec![Block::default(); width.div_ceil(BLOCK)];
                 for y in row * BLOCK..((row + 1) * BLOCK).min(height) {
                     for x in 0..width {
-                        let (radiance, variance) = self.pixel_statistics(y * width + x, used);
+                        let (tile, lane) = self.tiles.place(x as u32, y as u32);
+                        let (radiance, variance) = self.pixel_statistics(tile, lane);
                         let block = &mut blocks[x / BLOCK];
                         block.pixels += 1.0;
                         block.radiance += radiance;
@@ -85,18 +93,19 @@ impl Film {
 
     /// Mean of a pixel and variance of that mean, averaged over the channels. With `n_r` samples of mean `m_r` in
     /// replicate r, `n` in all and mean m, the variance is `sum_r n_r (m_r - m)^2 / ((used - 1) n)`.
-    fn pixel_statistics(&self, pixel: usize, used: usize) -> (f64, f64) {
+    fn pixel_statistics(&self, tile: u32, lane: u32) -> (f64, f64) {
         let mut sums = [0.0; 3];
         let mut squares = [0.0; 3];
         let mut samples = 0.0;
-        for (count, plane) in &self.replicates {
-            if *count == 0 {
+        let mut used = 0.0;
+        for replicate in 0..REPLICATES as u32 {
+            let count = f64::from(self.replicate_samples(replicate, tile));
+            if count == 0.0 {
                 continue;
             }
-            let count = f64::from(*count);
             samples += count;
-            for channel in 0..3 {
-                let sum = plane[pixel][channel];
+            used += 1.0;
+            for (channel, sum) in self.sum(replicate, tile, lane)[..3].iter().enumerate() {
                 sums[channel] += sum;
                 squares[channel] += sum * sum / count;
             }
@@ -108,7 +117,7 @@ impl Film {
             // The difference cancels to rounding noise where replicates agree: what is below that noise is zero.
             let spread = squares[channel] - sums[channel] * sums[channel] / samples;
             if spread > squares[channel] * (REPLICATES as f64 * f64::EPSILON) {
-                variance += spread / ((used - 1) as f64 * samples);
+                variance += spread / ((used - 1.0) * samples);
             }
         }
         (radiance / 3.0, variance / 3.0)
@@ -180,15 +189,13 @@ mod tests {
 
     fn noisy(size: (u32, u32), samples: [u32; REPLICATES], noise: Noise, seed: u64) -> Film {
         let mut random = Random(seed);
-        let mut film = Film::new(size.0, size.1);
         let truth = truth(size.0, size.1);
-        for (replicate, &count) in samples.iter().enumerate() {
-            let mut sample = |r: f64| (0..count).map(|_| (r * noise(&mut random)) as f32).sum::<f32>();
-            let sums: Vec<[f32; 4]> = truth.iter().map(|&r| [sample(r), sample(r), sample(r), count as f32]).collect();
-            if count > 0 {
-                film.add(replicate, count, &sums);
-            }
-        }
+        let mut film = Film::new(size.0, size.1);
+        film.fill(samples, |x, y, _, count| {
+            let radiance = truth[(y * size.0 + x) as usize];
+            let mut sample = || (0..count).map(|_| (radiance * noise(&mut random)) as f32).sum::<f32>();
+            [sample(), sample(), sample(), count as f32]
+        });
         film
     }
 
@@ -253,10 +260,10 @@ mod tests {
     fn exposure_does_not_change_the_error() {
         let error = |exposure: f32| {
             let mut film = Film::new(16, 16);
-            for replicate in 0..REPLICATES {
+            film.fill([1; REPLICATES], |_, _, replicate, _| {
                 let value = exposure * (1.0 + 0.1 * replicate as f32);
-                film.add(replicate, 1, &[[value, value, value, 1.0]; 256]);
-            }
+                [value, value, value, 1.0]
+            });
             film.error().unwrap().relative_rms
         };
         assert!((error(1.0) / error(1024.0) - 1.0).abs() < 1e-6);
@@ -267,10 +274,12 @@ mod tests {
     fn agreement_and_blackness_are_no_error() {
         let mut film = Film::new(9, 9);
         assert_eq!(film.error(), None);
-        film.add(0, 3, &[[0.3, 0.6, 0.9, 3.0]; 81]);
-        assert_eq!(film.error(), None, "one replicate has no spread");
-        film.add(1, 3, &[[0.3, 0.6, 0.9, 3.0]; 81]);
-        assert_eq!(film.error(), Some(ErrorEstimate { relative_rms: 0.0, upper_bound_95: 0.0 }));
+        let mut add = |samples| {
+            film.fill(samples, |_, _, _, _| [0.3, 0.6, 0.9, 3.0]);
+            film.error()
+        };
+        assert_eq!(add([3, 0, 0, 0]), None, "one replicate has no spread");
+        assert_eq!(add([0, 3, 0, 0]), Some(ErrorEstimate { relative_rms: 0.0, upper_bound_95: 0.0 }));
     }
 
     #[test]
