@@ -2,6 +2,7 @@
 //! shared machine only ratios of the same run mean anything.
 
 mod diffuse;
+pub mod adaptive;
 pub mod http;
 pub mod memory;
 pub mod skip;

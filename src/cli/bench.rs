@@ -6,6 +6,7 @@ use crate::render::gpu::GpuEngine;
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use std::io::Write;
+use std::path::PathBuf;
 
 /// Arguments of `candela bench`.
 #[derive(Debug, Args)]
@@ -24,6 +25,18 @@ enum What {
         scenes: Vec<String>,
         #[command(flatten)]
         rounds: Rounds,
+    },
+    /// Adaptive sampling against uniform: time to the same error.
+    Adaptive {
+        /// Seeds of each scene.
+        #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+        rounds: u32,
+        /// Samples per pixel to go to.
+        #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(32..))]
+        samples: u32,
+        /// Folder with `cases` that other renderers were given.
+        #[arg(long, value_name = "FOLDER")]
+        peers: Option<PathBuf>,
     },
     /// What it saves to leave out what a picture does not need, and that the picture stays the same.
     Skip(Rounds),
@@ -57,6 +70,9 @@ fn measure(what: &What) -> Result<()> {
             let mut engine = GpuEngine::new()?;
             writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(engine.device()), rounds.rounds)?;
             bench::trace::run(&mut engine, &scenes, rounds.rounds, &mut out)?;
+        }
+        What::Adaptive { rounds, samples, peers } => {
+            bench::adaptive::run(&mut GpuEngine::new()?, *rounds, *samples, peers.as_deref(), &mut out)?;
         }
         What::Skip(rounds) => bench::skip::run(&mut GpuEngine::new()?, rounds.rounds, &mut out)?,
         What::Http(rounds) => bench::http::run(rounds.rounds, &mut out)?,

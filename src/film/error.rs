@@ -22,14 +22,26 @@ pub struct ErrorEstimate {
 }
 
 /// Sums over the pixels of one block.
-#[derive(Clone, Copy, Default)]
-struct Block {
-    pixels: f64,
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Block {
+    pub pixels: f64,
     /// Of the pixels' radiance, mean of the channels.
-    radiance: f64,
+    pub radiance: f64,
     /// Of the pixels' variances, mean of the channels.
-    variance: f64,
-    variance_squared: f64,
+    pub variance: f64,
+    pub variance_squared: f64,
+}
+
+impl Block {
+    /// With one pixel more.
+    pub fn with(self, (radiance, variance): (f64, f64)) -> Self {
+        Self {
+            pixels: self.pixels + 1.0,
+            radiance: self.radiance + radiance,
+            variance: self.variance + variance,
+            variance_squared: self.variance_squared + variance * variance,
+        }
+    }
 }
 
 impl Film {
@@ -46,7 +58,7 @@ impl Film {
         let mut sum_of_squares = 0.0;
         for block in &blocks {
             pixels += block.pixels;
-            let scale = (block.radiance / block.pixels).powi(2) + (DARK * typical).powi(2);
+            let scale = scale(block, typical);
             if block.variance > 0.0 && scale > 0.0 {
                 sum += block.variance / scale;
                 sum_of_squares += block.variance_squared / (scale * scale);
@@ -78,12 +90,7 @@ impl Film {
                 for y in row * BLOCK..((row + 1) * BLOCK).min(height) {
                     for x in 0..width {
                         let (tile, lane) = self.tiles.place(x as u32, y as u32);
-                        let (radiance, variance) = self.pixel_statistics(tile, lane);
-                        let block = &mut blocks[x / BLOCK];
-                        block.pixels += 1.0;
-                        block.radiance += radiance;
-                        block.variance += variance;
-                        block.variance_squared += variance * variance;
+                        blocks[x / BLOCK] = blocks[x / BLOCK].with(self.pixel_statistics(tile, lane));
                     }
                 }
                 blocks
@@ -93,7 +100,7 @@ impl Film {
 
     /// Mean of a pixel and variance of that mean, averaged over the channels. With `n_r` samples of mean `m_r` in
     /// replicate r, `n` in all and mean m, the variance is `sum_r n_r (m_r - m)^2 / ((used - 1) n)`.
-    fn pixel_statistics(&self, tile: u32, lane: u32) -> (f64, f64) {
+    pub(super) fn pixel_statistics(&self, tile: u32, lane: u32) -> (f64, f64) {
         let mut sums = [0.0; 3];
         let mut squares = [0.0; 3];
         let mut samples = 0.0;
@@ -124,9 +131,15 @@ impl Film {
     }
 }
 
+/// Square of the radiance that errors in a block are relative to.
+pub(super) fn scale(block: &Block, typical: f64) -> f64 {
+    (block.radiance / block.pixels.max(1.0)).powi(2) + (DARK * typical).powi(2)
+}
+
 /// Median over the blocks that are not black of their mean radiance: unlike a mean, not moved by a lamp in the picture.
-fn typical_radiance(blocks: &[Block]) -> f64 {
-    let mut means: Vec<f64> = blocks.iter().map(|b| b.radiance / b.pixels).filter(|&mean| mean > 0.0).collect();
+pub(super) fn typical_radiance(blocks: &[Block]) -> f64 {
+    let mut means: Vec<f64> =
+        blocks.iter().map(|b| b.radiance / b.pixels.max(1.0)).filter(|&mean| mean > 0.0).collect();
     if means.is_empty() {
         return 0.0;
     }

@@ -2,11 +2,13 @@
 
 mod encode;
 mod error;
+mod rates;
 mod tiles;
 pub mod tone_mapping;
 
 pub use encode::{EncodeError, encode};
 pub use error::ErrorEstimate;
+pub use rates::{MOST, PILOT, STEPS};
 pub use tiles::{TILE_PIXELS, Tiles};
 
 use rayon::prelude::*;
@@ -35,6 +37,7 @@ pub struct Film {
     counts: Vec<u32>,
     /// Sums of (R, G, B, coverage), by replicate, then tile, then lane.
     sums: Vec<[f64; 4]>,
+    rates: Option<Vec<i8>>,
 }
 
 impl Film {
@@ -42,7 +45,7 @@ impl Film {
     pub fn new(width: u32, height: u32) -> Self {
         let tiles = Tiles::new(width, height);
         let cells = REPLICATES * tiles.count() as usize;
-        Self { tiles, counts: vec![0; cells], sums: vec![[0.0; 4]; cells * TILE_PIXELS] }
+        Self { tiles, counts: vec![0; cells], sums: vec![[0.0; 4]; cells * TILE_PIXELS], rates: None }
     }
 
     /// Adds samples: for each entry of `work`, the sums of its samples of (R, G, B, coverage) in the 64 lanes of its tile.
@@ -72,6 +75,7 @@ impl Film {
                 });
             }
         });
+        self.note_pilot();
     }
 
     /// The mean of all samples of each pixel; black and empty where there are none.

@@ -3,6 +3,7 @@
 //! The plan is a function of the film alone, so a render goes on from any film: after a lost device, or with
 //! more samples asked for.
 
+use super::plan::Round;
 use super::{Settings, StopReason};
 use crate::film::{Film, REPLICATES, TileSamples};
 use std::cmp::Reverse;
@@ -12,8 +13,8 @@ use std::time::Duration;
 /// Most samples per pixel of one entry of a pass: few enough that a sum of them in f32 stays exact to about 1e-6.
 pub const MAX_PASS_SAMPLES: u32 = 64;
 
-/// Samples per replicate below which a measured error is not trusted to end a render.
-const MIN_SAMPLES_FOR_TARGET: u32 = 4;
+/// Samples per pixel below which a measured error is not trusted to end a render.
+const MIN_SAMPLES_FOR_TARGET: u32 = 16;
 
 /// Samples to take at once: at most as many entries as the film has tiles, each of at most [`MAX_PASS_SAMPLES`]. In an
 /// order that spreads the work over the picture; entries may be taken side by side.
@@ -22,41 +23,36 @@ pub type Pass = Vec<TileSamples>;
 /// The order of passes and the criteria to stop at.
 ///
 /// First one sample in each replicate, so that a picture and its error exist after four; then every replicate in turn
-/// doubles its count, up to [`MAX_PASS_SAMPLES`] more at a time. Counts per replicate thus pass through powers of two,
-/// where Sobol points are best, and a round of passes leaves all replicates with the same count.
+/// doubles its count. Counts per replicate thus pass through powers of two, where Sobol points are best, and a round
+/// of passes leaves all replicates of a tile with the same count. [`super::plan`] says which.
 #[derive(Debug, Clone, Copy)]
 pub struct Schedule {
-    max_samples: u32,
-    target_error: Option<f64>,
-    deadline: Option<Duration>,
+    settings: Settings,
 }
 
 impl Schedule {
     /// The schedule of a render.
     pub fn new(settings: &Settings) -> Self {
-        Self { max_samples: settings.max_samples, target_error: settings.target_error, deadline: settings.deadline }
+        Self { settings: *settings }
     }
 
     /// The pass that follows what the film holds, or why the render is over. To be asked at the beginning and after each
     /// pass; measures the film's error after each round.
     pub fn next(&self, film: &Film, elapsed: Duration) -> ControlFlow<StopReason, Pass> {
-        let pass = self.pass(film);
-        if pass.is_empty() {
-            return ControlFlow::Break(StopReason::MaxSamples);
-        }
-        if self.reached_target(film) {
+        let Some(round) = Round::of(&self.settings, film) else { return ControlFlow::Break(StopReason::MaxSamples) };
+        if round.is_new && self.reached_target(film) {
             return ControlFlow::Break(StopReason::TargetError);
         }
         if self.overdue(film, elapsed) {
             return ControlFlow::Break(StopReason::Deadline);
         }
-        ControlFlow::Continue(pass)
+        ControlFlow::Continue(pass(film, &round))
     }
 
     /// Whether the deadline has passed and there is something to show for it. Cheap: may be asked within a pass,
     /// which is then abandoned.
     pub fn overdue(&self, film: &Film, elapsed: Duration) -> bool {
-        self.deadline.is_some_and(|deadline| elapsed >= deadline) && film.samples() > 0
+        self.settings.deadline.is_some_and(|deadline| elapsed >= deadline) && film.samples() > 0
     }
 
     /// Part of `max_samples` that the film holds and `under_way` adds to it, 0 to 1.
@@ -64,53 +60,42 @@ impl Schedule {
         let tiles = film.tiles();
         let pixels = f64::from(film.width()) * f64::from(film.height());
         let more: u64 = under_way.iter().map(|w| u64::from(tiles.pixels(w.tile)) * u64::from(w.samples)).sum();
-        (film.pixel_samples() + more) as f64 / (pixels * f64::from(self.max_samples)).max(1.0)
-    }
-
-    /// Takes what is due, those first that have most before them: all replicates of a tile thus keep step.
-    fn pass(&self, film: &Film) -> Pass {
-        let mut due = self.due(film);
-        due.sort_by_key(|due| Reverse(due.chunks()));
-        let room = film.tiles().count() as usize;
-        let mut pass = Vec::new();
-        for chunks in (1..=due.first().map_or(0, Due::chunks)).rev() {
-            let next = due.iter().take_while(|due| due.chunks() >= chunks).map(|due| due.chunk(due.chunks() - chunks));
-            pass.extend(next.take(room - pass.len()));
-        }
-        pass
-    }
-
-    /// What the present round lacks.
-    fn due(&self, film: &Film) -> Vec<Due> {
-        let tiles: Vec<u32> = film.tiles().spread().collect();
-        let cells = || (0..REPLICATES as u32).flat_map(|replicate| tiles.iter().map(move |&tile| (replicate, tile)));
-        let open = cells().map(|(replicate, tile)| (film.replicate_samples(replicate, tile), self.share(replicate)));
-        let Some(least) = open.filter(|(count, share)| count < share).map(|(count, _)| count).min() else {
-            return Vec::new();
-        };
-        let due = |(replicate, tile)| {
-            let first = film.replicate_samples(replicate, tile);
-            let goal = round_end(least).min(self.share(replicate));
-            (first < goal).then(|| Due { tile, replicate, first, samples: goal - first })
-        };
-        cells().filter_map(due).collect()
-    }
-
-    /// Part of `max_samples` that a replicate gets in the end.
-    fn share(&self, replicate: u32) -> u32 {
-        let replicates = REPLICATES as u32;
-        self.max_samples / replicates + u32::from(replicate < self.max_samples % replicates)
+        (film.pixel_samples() + more) as f64 / (pixels * f64::from(self.settings.max_samples)).max(1.0)
     }
 
     /// The bound is asked rather than the estimate, so that a small or a lucky picture does not end too soon.
     fn reached_target(&self, film: &Film) -> bool {
-        let Some(target) = self.target_error else { return false };
-        let of = |replicate| film.tiles().spread().map(move |tile| film.replicate_samples(replicate, tile));
-        let mut counts = (0..REPLICATES as u32).flat_map(of);
-        let first = counts.next().unwrap_or(0);
-        let whole_round = first >= MIN_SAMPLES_FOR_TARGET && counts.all(|count| count == first);
-        whole_round && film.error().is_some_and(|error| error.upper_bound_95 <= target)
+        let Some(target) = self.settings.target_error else { return false };
+        film.samples_range().0 >= MIN_SAMPLES_FOR_TARGET
+            && film.error().is_some_and(|error| error.upper_bound_95 <= target)
     }
+}
+
+/// Takes what is due, those first that have most before them: all replicates of a tile thus keep step.
+fn pass(film: &Film, round: &Round) -> Pass {
+    let mut due = due(film, round);
+    due.sort_by_key(|due| Reverse(due.chunks()));
+    let room = film.tiles().count() as usize;
+    let mut pass = Vec::new();
+    for chunks in (1..=due.first().map_or(0, Due::chunks)).rev() {
+        let next = due.iter().take_while(|due| due.chunks() >= chunks).map(|due| due.chunk(due.chunks() - chunks));
+        pass.extend(next.take(room - pass.len()));
+    }
+    pass
+}
+
+/// What the round lacks, in an order that spreads it over the picture.
+fn due(film: &Film, round: &Round) -> Vec<Due> {
+    let tiles: Vec<u32> = film.tiles().spread().collect();
+    let of = |replicate| {
+        let due = move |&tile: &u32| {
+            let first = film.replicate_samples(replicate, tile);
+            let samples = round.goal(replicate, tile).saturating_sub(first);
+            (samples > 0).then_some(Due { tile, replicate, first, samples })
+        };
+        tiles.iter().filter_map(due)
+    };
+    (0..REPLICATES as u32).flat_map(of).collect()
 }
 
 /// Samples that a tile lacks in a replicate.
@@ -136,12 +121,6 @@ impl Due {
     }
 }
 
-/// Count of a replicate at the end of the round that begins with `count`: 1, 2, 4, ... 64, 128, 192, ...
-fn round_end(count: u32) -> u32 {
-    let block = if count == 0 { 1 } else { (1 << count.ilog2()).min(MAX_PASS_SAMPLES) };
-    (count / block).saturating_add(1).saturating_mul(block)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -157,6 +136,7 @@ mod tests {
             max_samples,
             target_error: None,
             deadline: None,
+            adaptive: false,
         }
     }
 
