@@ -2,8 +2,9 @@
 
 use super::skip::kernel::{compiled, demo_scene, imported, work};
 use crate::compile::{compile_scene, decode_hdri};
+use crate::params::EngineChoice;
 use crate::render::prepare::{Progress, render_to_end};
-use crate::render::{Engine, Work};
+use crate::render::{Engine, Engines, Work};
 use anyhow::{Context, Result};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -16,27 +17,28 @@ use std::time::Duration;
 const GROWTH: f64 = 1.05;
 
 /// Runs `rounds` seeds of each case, uniform and adaptive in turns, up to `samples` per pixel, and writes the table.
-/// `peers`: a folder with `cases` of other renderers' pictures, if there is one.
+/// `choice`: the engine; `peers`: a folder with `cases` of other renderers' pictures, if there is one.
 ///
 /// # Errors
 /// No adapter, a device fault, or a case that cannot be read.
-pub fn run(
-    engine: &mut dyn Engine,
-    rounds: u32,
-    samples: u32,
-    peers: Option<&Path>,
-    out: &mut dyn Write,
-) -> Result<()> {
-    writeln!(out, "On {}; {rounds} seeds, up to {samples} samples per pixel.\n", super::machine(engine.device()))?;
-    writeln!(out, "| scene | error | uniform s | adaptive s | time ratio | sample ratio | at twice the error |")?;
-    writeln!(out, "|---|---|---|---|---|---|---|")?;
+pub fn run(choice: EngineChoice, rounds: u32, samples: u32, peers: Option<&Path>, out: &mut dyn Write) -> Result<()> {
+    let mut engine = Engines::new();
     let mut cases = demos(samples)?;
     match peers {
         Some(folder) => cases.extend(peer_cases(folder, samples)?),
         None => eprintln!("SKIPPED: the peers' cases; give their folder as --peers"),
     }
+    for (_, work) in &mut cases {
+        work.settings.engine = choice;
+    }
+    if let Some((_, work)) = cases.first() {
+        let render = engine.begin(work.clone(), None)?;
+        writeln!(out, "On {}; {rounds} seeds, up to {samples} samples per pixel.\n", super::machine(render.device()))?;
+    }
+    writeln!(out, "| scene | error | uniform s | adaptive s | time ratio | sample ratio | at twice the error |")?;
+    writeln!(out, "|---|---|---|---|---|---|---|")?;
     for (name, work) in cases {
-        let pairs = (1..=rounds).map(|seed| Pair::trace(engine, &work, seed)).collect::<Result<Vec<_>>>()?;
+        let pairs = (1..=rounds).map(|seed| Pair::trace(&mut engine, &work, seed)).collect::<Result<Vec<_>>>()?;
         writeln!(out, "| {name} | {} |", row(&pairs))?;
         out.flush()?;
     }

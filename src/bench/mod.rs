@@ -1,8 +1,8 @@
 //! Benchmarks: `candela bench ...`. Each prints a table and compares side by side, interleaved, within one run: on a
 //! shared machine only ratios of the same run mean anything.
 
-mod diffuse;
 pub mod adaptive;
+mod diffuse;
 pub mod http;
 pub mod memory;
 pub mod skip;

@@ -2,6 +2,7 @@
 
 use super::Failure;
 use crate::bench;
+use crate::params::EngineChoice;
 use crate::render::gpu::GpuEngine;
 use anyhow::Result;
 use clap::{Args, Subcommand};
@@ -34,6 +35,9 @@ enum What {
         /// Samples per pixel to go to.
         #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(32..))]
         samples: u32,
+        /// Which engine: auto, gpu or cpu.
+        #[arg(long, default_value = "auto", value_parser = engine)]
+        engine: EngineChoice,
         /// Folder with `cases` that other renderers were given.
         #[arg(long, value_name = "FOLDER")]
         peers: Option<PathBuf>,
@@ -57,6 +61,11 @@ struct Rounds {
     rounds: u32,
 }
 
+/// The engine of that name.
+fn engine(name: &str) -> Result<EngineChoice> {
+    Ok(serde_json::from_value(serde_json::Value::from(name))?)
+}
+
 /// Runs one.
 pub fn run(arguments: &BenchArgs) -> Result<(), Failure> {
     measure(&arguments.what).map_err(|error| Failure::Machine(format!("{error:#}")))
@@ -71,8 +80,8 @@ fn measure(what: &What) -> Result<()> {
             writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(engine.device()), rounds.rounds)?;
             bench::trace::run(&mut engine, &scenes, rounds.rounds, &mut out)?;
         }
-        What::Adaptive { rounds, samples, peers } => {
-            bench::adaptive::run(&mut GpuEngine::new()?, *rounds, *samples, peers.as_deref(), &mut out)?;
+        What::Adaptive { rounds, samples, engine, peers } => {
+            bench::adaptive::run(*engine, *rounds, *samples, peers.as_deref(), &mut out)?;
         }
         What::Skip(rounds) => bench::skip::run(&mut GpuEngine::new()?, rounds.rounds, &mut out)?,
         What::Http(rounds) => bench::http::run(rounds.rounds, &mut out)?,
