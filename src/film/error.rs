@@ -75,7 +75,7 @@ impl Film {
     }
 
     /// Replicates that have samples, where that is fewest.
-    fn used_replicates(&self) -> usize {
+    pub(super) fn used_replicates(&self) -> usize {
         let used = |tile| (0..REPLICATES as u32).filter(|&r| self.replicate_samples(r, tile) > 0).count();
         let tiles = 0..self.tiles.count();
         tiles.filter(|&tile| self.tiles.pixels(tile) > 0).map(used).min().unwrap_or(0)
@@ -98,9 +98,15 @@ impl Film {
             .collect()
     }
 
-    /// Mean of a pixel and variance of that mean, averaged over the channels. With `n_r` samples of mean `m_r` in
-    /// replicate r, `n` in all and mean m, the variance is `sum_r n_r (m_r - m)^2 / ((used - 1) n)`.
+    /// Mean of a pixel and variance of that mean, averaged over the channels.
     pub(super) fn pixel_statistics(&self, tile: u32, lane: u32) -> (f64, f64) {
+        let (means, variances) = self.pixel_moments(tile, lane);
+        (means.iter().sum::<f64>() / 3.0, variances.iter().sum::<f64>() / 3.0)
+    }
+
+    /// Mean of a pixel and variance of that mean, by channel. With `n_r` samples of mean `m_r` in replicate r, `n` in all
+    /// and mean m, the variance is `sum_r n_r (m_r - m)^2 / ((used - 1) n)`.
+    pub(super) fn pixel_moments(&self, tile: u32, lane: u32) -> ([f64; 3], [f64; 3]) {
         let mut sums = [0.0; 3];
         let mut squares = [0.0; 3];
         let mut samples = 0.0;
@@ -117,17 +123,15 @@ impl Film {
                 squares[channel] += sum * sum / count;
             }
         }
-        let mut radiance = 0.0;
-        let mut variance = 0.0;
+        let mut variances = [0.0; 3];
         for channel in 0..3 {
-            radiance += sums[channel] / samples;
             // The difference cancels to rounding noise where replicates agree: what is below that noise is zero.
             let spread = squares[channel] - sums[channel] * sums[channel] / samples;
             if spread > squares[channel] * (REPLICATES as f64 * f64::EPSILON) {
-                variance += spread / ((used - 1.0) * samples);
+                variances[channel] = spread / ((used - 1.0) * samples);
             }
         }
-        (radiance / 3.0, variance / 3.0)
+        (sums.map(|sum| sum / samples), variances)
     }
 }
 
@@ -160,45 +164,7 @@ fn f_quantile_95(d1: f64, d2: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// SplitMix64 (Steele, Lea, Flood 2014).
-    struct Random(u64);
-
-    impl Random {
-        fn uniform(&mut self) -> f64 {
-            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let mut z = self.0;
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            (((z ^ (z >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-        }
-
-        fn normal(&mut self) -> f64 {
-            (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
-        }
-    }
-
-    /// Noise of mean 1 that a sample is multiplied with.
-    type Noise = fn(&mut Random) -> f64;
-
-    fn gaussian(random: &mut Random) -> f64 {
-        1.0 + random.normal()
-    }
-
-    /// Long-tailed, like paths that seldom find a light: e^(sigma x - sigma^2 / 2), sigma = 1.2.
-    fn log_normal(random: &mut Random) -> f64 {
-        (1.2 * random.normal() - 0.72).exp()
-    }
-
-    /// A gradient with a black quarter and a small lamp.
-    fn truth(width: u32, height: u32) -> Vec<f64> {
-        let pixel = |x: u32, y: u32| match (x, y) {
-            (x, y) if x < width / 2 && y < height / 2 => 0.0,
-            (x, y) if x + 8 >= width && y + 8 >= height => 1e4,
-            _ => 0.05 + f64::from(x) / f64::from(width),
-        };
-        (0..height).flat_map(|y| (0..width).map(move |x| pixel(x, y))).collect()
-    }
+    use crate::film::testing::{Noise, Random, gaussian, log_normal, true_error, truth};
 
     fn noisy(size: (u32, u32), samples: [u32; REPLICATES], noise: Noise, seed: u64) -> Film {
         let mut random = Random(seed);
@@ -210,34 +176,6 @@ mod tests {
             [sample(), sample(), sample(), count as f32]
         });
         film
-    }
-
-    /// The definition in docs/accuracy.md, word by word, with the truth at hand.
-    fn true_error(film: &Film) -> f64 {
-        let (width, height) = (film.width() as usize, film.height() as usize);
-        let truth = truth(film.width(), film.height());
-        let picture = film.picture();
-        let mut blocks: Vec<(f64, f64, f64)> = Vec::new();
-        for top in (0..height).step_by(8) {
-            for left in (0..width).step_by(8) {
-                let (mut n, mut radiance, mut squares) = (0.0, 0.0, 0.0);
-                for y in top..(top + 8).min(height) {
-                    for x in left..(left + 8).min(width) {
-                        let r = truth[y * width + x];
-                        let pixel = picture.pixels[y * width + x];
-                        n += 1.0;
-                        radiance += r;
-                        squares += (0..3).map(|c| (f64::from(pixel[c]) - r).powi(2)).sum::<f64>() / 3.0;
-                    }
-                }
-                blocks.push((n, radiance / n, squares));
-            }
-        }
-        let mut means: Vec<f64> = blocks.iter().map(|b| b.1).filter(|&m| m > 0.0).collect();
-        means.sort_by(f64::total_cmp);
-        let typical = means[means.len() / 2];
-        let pixels: f64 = blocks.iter().map(|b| b.0).sum();
-        (blocks.iter().map(|b| b.2 / (b.1 * b.1 + 0.01 * typical * typical)).sum::<f64>() / pixels).sqrt()
     }
 
     #[test]

@@ -1,12 +1,16 @@
 //! From samples to a file: accumulation in replicates, the measured error, tone mapping, encoders.
 
+mod aov;
 mod encode;
 mod error;
 mod rates;
+#[cfg(test)]
+pub(crate) mod testing;
 mod tiles;
 pub mod tone_mapping;
 
-pub use encode::{EncodeError, encode};
+pub use aov::{Aov, Aovs};
+pub use encode::{EncodeError, encode, encode_aov};
 pub use error::ErrorEstimate;
 pub use rates::{MOST, PILOT, STEPS};
 pub use tiles::{TILE_PIXELS, Tiles};

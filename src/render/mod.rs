@@ -3,12 +3,15 @@
 pub mod albedo;
 pub mod cpu;
 mod engines;
+pub mod forecast;
 pub mod gpu;
 mod plan;
 pub mod prepare;
 pub mod report;
 pub mod schedule;
 mod slice;
+#[cfg(test)]
+mod tests;
 
 pub use engines::Engines;
 

@@ -124,20 +124,10 @@ impl Due {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::params::{EngineChoice, Mode};
+    use crate::params::RenderParams;
 
     fn settings(max_samples: u32) -> Settings {
-        Settings {
-            engine: EngineChoice::Auto,
-            mode: Mode::Path,
-            max_bounces: None,
-            multiple_scattering: true,
-            seed: 1,
-            max_samples,
-            target_error: None,
-            deadline: None,
-            adaptive: false,
-        }
+        Settings::from(&RenderParams { max_samples, adaptive: false, ..RenderParams::default() })
     }
 
     /// Carries a schedule out on a film of constant pixels, until it ends or `most` passes are taken.
