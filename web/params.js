@@ -7,6 +7,7 @@ export const DEFAULTS = {
   height: 500,
   scene_lights: true,
   max_samples: 256,
+  adaptive: true,
   target_error: null,
   deadline_ms: null,
   max_bounces: null,

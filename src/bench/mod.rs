@@ -1,6 +1,7 @@
 //! Benchmarks: `candela bench ...`. Each prints a table and compares side by side, interleaved, within one run: on a
 //! shared machine only ratios of the same run mean anything.
 
+pub mod adaptive;
 pub mod agreement;
 pub mod http;
 pub mod memory;

@@ -2,7 +2,7 @@
 
 use super::Failure;
 use crate::bench;
-use crate::params;
+use crate::params::{self, EngineChoice};
 use crate::render::gpu::GpuEngine;
 use anyhow::{Result, anyhow};
 use clap::{Args, Subcommand};
@@ -45,6 +45,21 @@ enum What {
         #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(3..))]
         batches: u32,
     },
+    /// Adaptive sampling against uniform: time to the same error.
+    Adaptive {
+        /// Seeds of each scene.
+        #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+        rounds: u32,
+        /// Samples per pixel to go to.
+        #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(32..))]
+        samples: u32,
+        /// Which engine: auto, gpu or cpu.
+        #[arg(long, default_value = "auto", value_parser = engine)]
+        engine: EngineChoice,
+        /// Folder with `cases` that other renderers were given.
+        #[arg(long, value_name = "FOLDER")]
+        peers: Option<PathBuf>,
+    },
     /// What it saves to leave out what a picture does not need, and that the picture stays the same.
     Skip(Rounds),
     /// The service over HTTP: cold and warm, more clients than places, a small job beside a long one.
@@ -62,6 +77,11 @@ struct Rounds {
     /// Interleaved rounds, of which the best counts.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(2..))]
     rounds: u32,
+}
+
+/// The engine of that name.
+fn engine(name: &str) -> Result<EngineChoice> {
+    Ok(serde_json::from_value(serde_json::Value::from(name))?)
 }
 
 /// Runs one.
@@ -82,6 +102,9 @@ fn measure(what: &What) -> Result<()> {
             let params = params::from_json(params).map_err(|faults| anyhow!("{}", faults[0]))?;
             let size = bench::agreement::Size { side: *side, samples: *samples, batches: *batches };
             bench::agreement::run(scenes, &params, size, &mut out)?;
+        }
+        What::Adaptive { rounds, samples, engine, peers } => {
+            bench::adaptive::run(*engine, *rounds, *samples, peers.as_deref(), &mut out)?;
         }
         What::Skip(rounds) => bench::skip::run(&mut GpuEngine::new()?, rounds.rounds, &mut out)?,
         What::Http(rounds) => bench::http::run(rounds.rounds, &mut out)?,

@@ -5,7 +5,7 @@ use super::request::{Request, Target, request};
 use super::summary::Summary;
 use super::{Failure, demo};
 use crate::compile::{self, Hdri};
-use crate::film;
+use crate::film::{self, Aov, Aovs};
 use crate::params::{EnvironmentChoice, RenderParams};
 use crate::render::prepare::{Prepared, prepare, render_to_end};
 use crate::render::report::{Report, Stages};
@@ -34,6 +34,9 @@ pub struct RenderArgs {
     /// Picture to write (.png, .exr, .webp, .jpg), or - for standard output; by default named after the scene.
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
+    /// What is known of each pixel besides, as .exr: `standard_error=FILE.exr`, `samples=FILE.exr`. May be repeated.
+    #[arg(long, value_name = "NAME=FILE", value_parser = aov)]
+    pub aov: Vec<(Aov, PathBuf)>,
     /// Environment picture (.hdr, .exr): the same as `environment.hdri`.
     #[arg(long, value_name = "FILE")]
     pub hdri: Option<PathBuf>,
@@ -51,10 +54,43 @@ pub fn run(arguments: &RenderArgs) -> Result<(), Failure> {
     if arguments.json && request.target == Target::Stdout {
         return Err(Failure::Request("--json and --output - both want standard output: give a file to one".into()));
     }
+    check_aovs(&arguments.aov, &request.params)?;
     let (prepared, stages) = load(&arguments.scene, &request.params)?;
-    let (bytes, report) = picture(&mut Engines::new(), prepared, stages, &request.params, arguments.quiet)?;
+    let (bytes, aovs, report) = picture(&mut Engines::new(), prepared, stages, &request.params, arguments.quiet)?;
     write(&request.target, &bytes)?;
+    for (aov, path) in &arguments.aov {
+        let picture = aovs.picture(*aov).ok_or_else(|| {
+            Failure::Request(format!("--aov {}: one sample per pixel has no spread to measure", aov.name()))
+        })?;
+        let bytes = film::encode_aov(&picture, &report.facts()).map_err(|error| Failure::Machine(error.to_string()))?;
+        write(&Target::File(path.clone()), &bytes)?;
+    }
     tell(arguments, &request, &report)
+}
+
+/// An AOV and the file that it is written to.
+fn aov(text: &str) -> Result<(Aov, PathBuf), String> {
+    let (name, file) = text.split_once('=').ok_or("write NAME=FILE, like standard_error=error.exr")?;
+    let path = PathBuf::from(file);
+    if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
+        return Err(format!("{file}: AOVs are written as EXR; end the name in .exr"));
+    }
+    Ok((Aov::from_name(name)?, path))
+}
+
+/// Found out before the work, not after.
+fn check_aovs(aovs: &[(Aov, PathBuf)], params: &RenderParams) -> Result<(), Failure> {
+    for (aov, path) in aovs {
+        if path.parent().is_some_and(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+            return Err(Failure::Request(format!("--aov {}: there is no such folder", path.display())));
+        }
+        if *aov == Aov::StandardError && params.max_samples < 2 {
+            let detail =
+                "--aov standard_error: one sample per pixel has no spread to measure; set max_samples to 2 or more";
+            return Err(Failure::Request(detail.to_owned()));
+        }
+    }
+    Ok(())
 }
 
 /// Scene and environment, read and compiled.
@@ -99,7 +135,7 @@ fn picture(
     mut stages: Stages,
     params: &RenderParams,
     quiet: bool,
-) -> Result<(Vec<u8>, Report), Failure> {
+) -> Result<(Vec<u8>, Aovs, Report), Failure> {
     let Prepared { work, defaults, biases, warnings } = prepared;
     let scene = work.scene.stats.clone();
     let mut bar = Bar::new(work.settings, quiet);
@@ -110,8 +146,12 @@ fn picture(
     stages.trace = rendered.trace.as_secs_f64();
     let begun = Instant::now();
     let error = rendered.film.error();
+    let (samples_min, samples_max) = rendered.film.samples_range();
     let mut report = Report {
         samples: rendered.film.samples(),
+        samples_min,
+        samples_max,
+        adaptive: params.adaptive,
         error: error.map(|error| error.relative_rms),
         error_bound_95: error.map(|error| error.upper_bound_95),
         seed: params.seed,
@@ -127,7 +167,8 @@ fn picture(
     };
     let bytes = film::encode(&rendered.film.picture(), params, params.output.format, &report.facts());
     report.seconds.encode = seconds(begun);
-    bytes.map(|bytes| (bytes, report)).map_err(|error| match error {
+    let aovs = rendered.film.aovs();
+    bytes.map(|bytes| (bytes, aovs, report)).map_err(|error| match error {
         film::EncodeError::Unsupported(_) => Failure::Request(error.to_string()),
         film::EncodeError::Failed(_) => Failure::Machine(error.to_string()),
     })

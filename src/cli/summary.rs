@@ -20,7 +20,12 @@ impl Display for Summary<'_> {
         let mut line = |label: &str, text: String| writeln!(f, "{label:<9} {text}");
         let (width, height, samples) = (params.width, params.height, report.samples);
         let reason = report.stop_reason.name();
-        line("picture", format!("{place}: {width} x {height}, {samples} samples per pixel (ended by {reason})"))?;
+        let (least, most) = (report.samples_min, report.samples_max);
+        let spread = if least < most { format!(" ({least} to {most})") } else { String::new() };
+        line(
+            "picture",
+            format!("{place}: {width} x {height}, {samples} samples per pixel{spread}, ended by {reason}"),
+        )?;
         line("error", error(report))?;
         line("seconds", report.stage_line())?;
         let device = &report.device;

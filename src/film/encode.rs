@@ -47,6 +47,11 @@ pub fn encode(
     }
 }
 
+/// Writes a picture that is none to look at, like an [`Aov`](super::Aov), as an EXR of three channels; `facts` as in [`encode`].
+pub fn encode_aov(picture: &Picture, facts: &[(String, String)]) -> Result<Vec<u8>, EncodeError> {
+    exr(picture, false, facts)
+}
+
 fn check_format(picture: &Picture, params: &RenderParams, format: ImageFormat) -> Result<(), EncodeError> {
     let side = picture.width.max(picture.height);
     let most = format.max_side();

@@ -22,31 +22,43 @@ pub struct ErrorEstimate {
 }
 
 /// Sums over the pixels of one block.
-#[derive(Clone, Copy, Default)]
-struct Block {
-    pixels: f64,
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Block {
+    pub pixels: f64,
     /// Of the pixels' radiance, mean of the channels.
-    radiance: f64,
+    pub radiance: f64,
     /// Of the pixels' variances, mean of the channels.
-    variance: f64,
-    variance_squared: f64,
+    pub variance: f64,
+    pub variance_squared: f64,
+}
+
+impl Block {
+    /// With one pixel more.
+    pub fn with(self, (radiance, variance): (f64, f64)) -> Self {
+        Self {
+            pixels: self.pixels + 1.0,
+            radiance: self.radiance + radiance,
+            variance: self.variance + variance,
+            variance_squared: self.variance_squared + variance * variance,
+        }
+    }
 }
 
 impl Film {
-    /// The error of [`Film::picture`]; none while fewer than two replicates have samples.
+    /// The error of [`Film::picture`]; none while there is a pixel that fewer than two replicates have samples of.
     pub fn error(&self) -> Option<ErrorEstimate> {
-        let used = self.replicates.iter().filter(|(samples, _)| *samples > 0).count();
+        let used = self.used_replicates();
         if used < 2 {
             return None;
         }
-        let blocks = self.blocks(used);
+        let blocks = self.blocks();
         let typical = typical_radiance(&blocks);
         let mut pixels = 0.0;
         let mut sum = 0.0;
         let mut sum_of_squares = 0.0;
         for block in &blocks {
             pixels += block.pixels;
-            let scale = (block.radiance / block.pixels).powi(2) + (DARK * typical).powi(2);
+            let scale = scale(block, typical);
             if block.variance > 0.0 && scale > 0.0 {
                 sum += block.variance / scale;
                 sum_of_squares += block.variance_squared / (scale * scale);
@@ -62,20 +74,23 @@ impl Film {
         Some(ErrorEstimate { relative_rms, upper_bound_95: relative_rms * bound.sqrt() })
     }
 
-    fn blocks(&self, used: usize) -> Vec<Block> {
-        let (width, height) = (self.width as usize, self.height as usize);
+    /// Replicates that have samples, where that is fewest.
+    pub(super) fn used_replicates(&self) -> usize {
+        let used = |tile| (0..REPLICATES as u32).filter(|&r| self.replicate_samples(r, tile) > 0).count();
+        let tiles = 0..self.tiles.count();
+        tiles.filter(|&tile| self.tiles.pixels(tile) > 0).map(used).min().unwrap_or(0)
+    }
+
+    fn blocks(&self) -> Vec<Block> {
+        let (width, height) = (self.width() as usize, self.height() as usize);
         (0..height.div_ceil(BLOCK))
             .into_par_iter()
             .flat_map_iter(|row| {
                 let mut blocks = vec![Block::default(); width.div_ceil(BLOCK)];
                 for y in row * BLOCK..((row + 1) * BLOCK).min(height) {
                     for x in 0..width {
-                        let (radiance, variance) = self.pixel_statistics(y * width + x, used);
-                        let block = &mut blocks[x / BLOCK];
-                        block.pixels += 1.0;
-                        block.radiance += radiance;
-                        block.variance += variance;
-                        block.variance_squared += variance * variance;
+                        let (tile, lane) = self.tiles.place(x as u32, y as u32);
+                        blocks[x / BLOCK] = blocks[x / BLOCK].with(self.pixel_statistics(tile, lane));
                     }
                 }
                 blocks
@@ -83,41 +98,52 @@ impl Film {
             .collect()
     }
 
-    /// Mean of a pixel and variance of that mean, averaged over the channels. With `n_r` samples of mean `m_r` in
-    /// replicate r, `n` in all and mean m, the variance is `sum_r n_r (m_r - m)^2 / ((used - 1) n)`.
-    fn pixel_statistics(&self, pixel: usize, used: usize) -> (f64, f64) {
+    /// Mean of a pixel and variance of that mean, averaged over the channels.
+    pub(super) fn pixel_statistics(&self, tile: u32, lane: u32) -> (f64, f64) {
+        let (means, variances) = self.pixel_moments(tile, lane);
+        (means.iter().sum::<f64>() / 3.0, variances.iter().sum::<f64>() / 3.0)
+    }
+
+    /// Mean of a pixel and variance of that mean, by channel. With `n_r` samples of mean `m_r` in replicate r, `n` in all
+    /// and mean m, the variance is `sum_r n_r (m_r - m)^2 / ((used - 1) n)`.
+    pub(super) fn pixel_moments(&self, tile: u32, lane: u32) -> ([f64; 3], [f64; 3]) {
         let mut sums = [0.0; 3];
         let mut squares = [0.0; 3];
         let mut samples = 0.0;
-        for (count, plane) in &self.replicates {
-            if *count == 0 {
+        let mut used = 0.0;
+        for replicate in 0..REPLICATES as u32 {
+            let count = f64::from(self.replicate_samples(replicate, tile));
+            if count == 0.0 {
                 continue;
             }
-            let count = f64::from(*count);
             samples += count;
-            for channel in 0..3 {
-                let sum = plane[pixel][channel];
+            used += 1.0;
+            for (channel, sum) in self.sum(replicate, tile, lane)[..3].iter().enumerate() {
                 sums[channel] += sum;
                 squares[channel] += sum * sum / count;
             }
         }
-        let mut radiance = 0.0;
-        let mut variance = 0.0;
+        let mut variances = [0.0; 3];
         for channel in 0..3 {
-            radiance += sums[channel] / samples;
             // The difference cancels to rounding noise where replicates agree: what is below that noise is zero.
             let spread = squares[channel] - sums[channel] * sums[channel] / samples;
             if spread > squares[channel] * (REPLICATES as f64 * f64::EPSILON) {
-                variance += spread / ((used - 1) as f64 * samples);
+                variances[channel] = spread / ((used - 1.0) * samples);
             }
         }
-        (radiance / 3.0, variance / 3.0)
+        (sums.map(|sum| sum / samples), variances)
     }
 }
 
+/// Square of the radiance that errors in a block are relative to.
+pub(super) fn scale(block: &Block, typical: f64) -> f64 {
+    (block.radiance / block.pixels.max(1.0)).powi(2) + (DARK * typical).powi(2)
+}
+
 /// Median over the blocks that are not black of their mean radiance: unlike a mean, not moved by a lamp in the picture.
-fn typical_radiance(blocks: &[Block]) -> f64 {
-    let mut means: Vec<f64> = blocks.iter().map(|b| b.radiance / b.pixels).filter(|&mean| mean > 0.0).collect();
+pub(super) fn typical_radiance(blocks: &[Block]) -> f64 {
+    let mut means: Vec<f64> =
+        blocks.iter().map(|b| b.radiance / b.pixels.max(1.0)).filter(|&mean| mean > 0.0).collect();
     if means.is_empty() {
         return 0.0;
     }
@@ -138,86 +164,18 @@ fn f_quantile_95(d1: f64, d2: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// SplitMix64 (Steele, Lea, Flood 2014).
-    struct Random(u64);
-
-    impl Random {
-        fn uniform(&mut self) -> f64 {
-            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let mut z = self.0;
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            (((z ^ (z >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-        }
-
-        fn normal(&mut self) -> f64 {
-            (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
-        }
-    }
-
-    /// Noise of mean 1 that a sample is multiplied with.
-    type Noise = fn(&mut Random) -> f64;
-
-    fn gaussian(random: &mut Random) -> f64 {
-        1.0 + random.normal()
-    }
-
-    /// Long-tailed, like paths that seldom find a light: e^(sigma x - sigma^2 / 2), sigma = 1.2.
-    fn log_normal(random: &mut Random) -> f64 {
-        (1.2 * random.normal() - 0.72).exp()
-    }
-
-    /// A gradient with a black quarter and a small lamp.
-    fn truth(width: u32, height: u32) -> Vec<f64> {
-        let pixel = |x: u32, y: u32| match (x, y) {
-            (x, y) if x < width / 2 && y < height / 2 => 0.0,
-            (x, y) if x + 8 >= width && y + 8 >= height => 1e4,
-            _ => 0.05 + f64::from(x) / f64::from(width),
-        };
-        (0..height).flat_map(|y| (0..width).map(move |x| pixel(x, y))).collect()
-    }
+    use crate::film::testing::{Noise, Random, gaussian, log_normal, true_error, truth};
 
     fn noisy(size: (u32, u32), samples: [u32; REPLICATES], noise: Noise, seed: u64) -> Film {
         let mut random = Random(seed);
-        let mut film = Film::new(size.0, size.1);
         let truth = truth(size.0, size.1);
-        for (replicate, &count) in samples.iter().enumerate() {
-            let mut sample = |r: f64| (0..count).map(|_| (r * noise(&mut random)) as f32).sum::<f32>();
-            let sums: Vec<[f32; 4]> = truth.iter().map(|&r| [sample(r), sample(r), sample(r), count as f32]).collect();
-            if count > 0 {
-                film.add(replicate, count, &sums);
-            }
-        }
+        let mut film = Film::new(size.0, size.1);
+        film.fill(samples, |x, y, _, count| {
+            let radiance = truth[(y * size.0 + x) as usize];
+            let mut sample = || (0..count).map(|_| (radiance * noise(&mut random)) as f32).sum::<f32>();
+            [sample(), sample(), sample(), count as f32]
+        });
         film
-    }
-
-    /// The definition in docs/accuracy.md, word by word, with the truth at hand.
-    fn true_error(film: &Film) -> f64 {
-        let (width, height) = (film.width() as usize, film.height() as usize);
-        let truth = truth(film.width(), film.height());
-        let picture = film.picture();
-        let mut blocks: Vec<(f64, f64, f64)> = Vec::new();
-        for top in (0..height).step_by(8) {
-            for left in (0..width).step_by(8) {
-                let (mut n, mut radiance, mut squares) = (0.0, 0.0, 0.0);
-                for y in top..(top + 8).min(height) {
-                    for x in left..(left + 8).min(width) {
-                        let r = truth[y * width + x];
-                        let pixel = picture.pixels[y * width + x];
-                        n += 1.0;
-                        radiance += r;
-                        squares += (0..3).map(|c| (f64::from(pixel[c]) - r).powi(2)).sum::<f64>() / 3.0;
-                    }
-                }
-                blocks.push((n, radiance / n, squares));
-            }
-        }
-        let mut means: Vec<f64> = blocks.iter().map(|b| b.1).filter(|&m| m > 0.0).collect();
-        means.sort_by(f64::total_cmp);
-        let typical = means[means.len() / 2];
-        let pixels: f64 = blocks.iter().map(|b| b.0).sum();
-        (blocks.iter().map(|b| b.2 / (b.1 * b.1 + 0.01 * typical * typical)).sum::<f64>() / pixels).sqrt()
     }
 
     #[test]
@@ -253,10 +211,10 @@ mod tests {
     fn exposure_does_not_change_the_error() {
         let error = |exposure: f32| {
             let mut film = Film::new(16, 16);
-            for replicate in 0..REPLICATES {
+            film.fill([1; REPLICATES], |_, _, replicate, _| {
                 let value = exposure * (1.0 + 0.1 * replicate as f32);
-                film.add(replicate, 1, &[[value, value, value, 1.0]; 256]);
-            }
+                [value, value, value, 1.0]
+            });
             film.error().unwrap().relative_rms
         };
         assert!((error(1.0) / error(1024.0) - 1.0).abs() < 1e-6);
@@ -267,10 +225,12 @@ mod tests {
     fn agreement_and_blackness_are_no_error() {
         let mut film = Film::new(9, 9);
         assert_eq!(film.error(), None);
-        film.add(0, 3, &[[0.3, 0.6, 0.9, 3.0]; 81]);
-        assert_eq!(film.error(), None, "one replicate has no spread");
-        film.add(1, 3, &[[0.3, 0.6, 0.9, 3.0]; 81]);
-        assert_eq!(film.error(), Some(ErrorEstimate { relative_rms: 0.0, upper_bound_95: 0.0 }));
+        let mut add = |samples| {
+            film.fill(samples, |_, _, _, _| [0.3, 0.6, 0.9, 3.0]);
+            film.error()
+        };
+        assert_eq!(add([3, 0, 0, 0]), None, "one replicate has no spread");
+        assert_eq!(add([0, 3, 0, 0]), Some(ErrorEstimate { relative_rms: 0.0, upper_bound_95: 0.0 }));
     }
 
     #[test]

@@ -2,8 +2,9 @@
 
 use super::scenes::Page;
 use super::{App, accept, picture, scenes, upload};
+use crate::film::Aov;
 use crate::jobs::{Code, Job, Order, Problem, Stages, State as JobState};
-use crate::params::{self, FieldError};
+use crate::params::{self, FieldError, ImageFormat};
 use axum::Json;
 use axum::extract::{Path, Query, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
@@ -101,12 +102,32 @@ pub async fn preview(State(app): State<App>, Path(id): Path<String>, headers: He
     Ok((head, preview.file.bytes.to_vec()).into_response())
 }
 
+/// Query of `GET /v1/jobs/{id}/result`.
+#[derive(Debug, Deserialize)]
+pub struct Wanted {
+    /// Name of an AOV; none: the picture.
+    aov: Option<String>,
+}
+
 /// `GET /v1/jobs/{id}/result`
-pub async fn result(State(app): State<App>, Path(id): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+pub async fn result(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    Query(wanted): Query<Wanted>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
     let job = app.service.job(&id)?;
-    let format = accept::picture_format(&headers, job.params.output.format)?;
-    let file = app.service.result(&job, format).await?;
-    Ok(picture::reply(&job, &file, &headers))
+    let Some(name) = wanted.aov else {
+        let format = accept::picture_format(&headers, job.params.output.format)?;
+        return Ok(picture::reply(&job, &app.service.result(&job, format).await?, &headers));
+    };
+    let unknown = |fault| Problem::fields(Code::InvalidParams, vec![FieldError::new("/aov", fault)]);
+    let aov = Aov::from_name(&name).map_err(unknown)?;
+    if accept::picture_format(&headers, ImageFormat::Exr)? != ImageFormat::Exr {
+        let detail = format!("{name} is no picture to look at and comes as image/x-exr only; ask for that in `Accept`");
+        return Err(Problem::new(Code::NotAcceptable, detail));
+    }
+    Ok(picture::reply(&job, &app.service.aov(&job, aov).await?, &headers))
 }
 
 /// `POST /v1/jobs/{id}/cancel`: 200 however often; 409 if the job had ended otherwise.

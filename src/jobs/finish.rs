@@ -6,7 +6,7 @@ use super::problem::{Code, Problem};
 use super::progress::seconds;
 use super::scenes::content_id;
 use super::table::Table;
-use crate::film::{self, EncodeError, Film, Picture};
+use crate::film::{self, Aov, EncodeError, Film, Picture};
 use crate::params::{ImageFormat, RenderParams};
 use crate::render::prepare::Prepared;
 use crate::render::report::{Report, Stages};
@@ -50,9 +50,14 @@ fn outcome(ended: Ended) -> Result<Outcome, Problem> {
     let begun = Instant::now();
     let Ended { job, prepared, film, reason, device, stages, non_finite, cut_by_server, claim } = ended;
     let picture = Arc::new(film.picture());
+    let aovs = film.aovs();
     let error = film.error();
+    let (samples_min, samples_max) = film.samples_range();
     let mut report = Report {
         samples: film.samples(),
+        samples_min,
+        samples_max,
+        adaptive: job.params.adaptive,
         error: error.map(|error| error.relative_rms),
         error_bound_95: error.map(|error| error.upper_bound_95),
         seed: job.params.seed,
@@ -77,7 +82,7 @@ fn outcome(ended: Ended) -> Result<Outcome, Problem> {
     let file = encode(&picture, &job.params, job.params.output.format, &report.facts())?;
     report.seconds.encode = seconds(begun.elapsed());
     drop(claim);
-    Ok(Outcome { picture, report, file })
+    Ok(Outcome { picture, aovs, report, file })
 }
 
 /// Encodes a picture and hashes the file.
@@ -87,7 +92,20 @@ pub(super) fn encode(
     format: ImageFormat,
     facts: &[(String, String)],
 ) -> Result<Encoded, Problem> {
-    let bytes = film::encode(picture, params, format, facts).map_err(|error| match error {
+    encoded(film::encode(picture, params, format, facts), format)
+}
+
+/// Encodes what is known of each pixel and hashes the file.
+pub(super) fn encode_aov(outcome: &Outcome, aov: Aov) -> Result<Encoded, Problem> {
+    let picture = outcome.aovs.picture(aov).ok_or_else(|| {
+        let detail = "one sample per pixel has no spread to measure: ask for a `max_samples` of 2 or more";
+        Problem::new(Code::NotAcceptable, detail)
+    })?;
+    encoded(film::encode_aov(&picture, &outcome.report.facts()), ImageFormat::Exr)
+}
+
+fn encoded(bytes: Result<Vec<u8>, EncodeError>, format: ImageFormat) -> Result<Encoded, Problem> {
+    let bytes = bytes.map_err(|error| match error {
         EncodeError::Unsupported(detail) => Problem::new(Code::NotAcceptable, detail),
         EncodeError::Failed(detail) => Problem::new(Code::Internal, detail),
     })?;

@@ -5,7 +5,7 @@ use super::problem::Problem;
 use super::progress::{Progress, seconds};
 use super::scenes::{StoredImage, StoredScene};
 use super::state::State;
-use crate::film::Picture;
+use crate::film::{Aovs, Picture};
 use crate::params::{ImageFormat, RenderParams};
 use crate::render::report::{Report, Stages};
 use serde_json::{Value, json};
@@ -52,6 +52,8 @@ pub struct Preview {
 pub struct Outcome {
     /// Scene-linear picture, from which every format is made.
     pub picture: Arc<Picture>,
+    /// What is known of each pixel besides.
+    pub aovs: Aovs,
     /// Its facts.
     pub report: Report,
     /// The file in the format of the request.
@@ -223,8 +225,10 @@ impl Job {
 
     /// Memory of the result.
     pub fn result_bytes(&self) -> u64 {
-        self.outcome()
-            .map_or(0, |outcome| (size_of_val(outcome.picture.pixels.as_slice()) + outcome.file.bytes.len()) as u64)
+        self.outcome().map_or(0, |outcome| {
+            let picture = size_of_val(outcome.picture.pixels.as_slice());
+            (picture + outcome.aovs.bytes() + outcome.file.bytes.len()) as u64
+        })
     }
 
     /// Waits until the job is over.

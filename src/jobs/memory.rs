@@ -1,15 +1,20 @@
 //! Host memory that renders may hold together.
 
+use crate::film::{TILE_PIXELS, Tiles};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bytes per pixel of a render under way and of its ending: the film (four replicates of four f64), the picture
-/// (four f32), and a file of 16 bits per channel.
-const BYTES_PER_PIXEL: u64 = 128 + 16 + 8;
+/// Bytes per lane of the film: four replicates of four f64.
+const BYTES_PER_LANE: u64 = 128;
+
+/// Bytes per pixel of the ending of a render: the picture (four f32), its standard error (three) and a file of 16 bits per
+/// channel.
+const BYTES_PER_PIXEL: u64 = 16 + 12 + 8;
 
 /// Memory of a render of so many pixels, without its scene.
 pub fn film_bytes(width: u32, height: u32) -> u64 {
-    u64::from(width) * u64::from(height) * BYTES_PER_PIXEL
+    let lanes = u64::from(Tiles::new(width, height).count()) * TILE_PIXELS as u64;
+    lanes * BYTES_PER_LANE + u64::from(width) * u64::from(height) * BYTES_PER_PIXEL
 }
 
 /// A bounded amount of memory.

@@ -31,6 +31,7 @@ pub use worker::EngineFactory;
 
 use crate::compile::decode_hdri;
 use crate::config::Limits;
+use crate::film::Aov;
 use crate::params::{EnvironmentChoice, FieldError, ImageFormat, RenderParams};
 use crate::render::RenderError;
 use crate::scene::{self, Package};
@@ -257,6 +258,12 @@ impl Service {
         }
         let params = job.params.clone();
         self.at_desk(move || finish::encode(&outcome.picture, &params, format, &outcome.report.facts())).await
+    }
+
+    /// What is known of each pixel of a job's picture, as EXR.
+    pub async fn aov(&self, job: &Job, aov: Aov) -> Result<Encoded, Problem> {
+        let outcome = job.outcome().ok_or_else(|| no_result(job))?;
+        self.at_desk(move || finish::encode_aov(&outcome, aov)).await
     }
 
     /// Whether new jobs are refused.

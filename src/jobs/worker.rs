@@ -9,6 +9,7 @@ use super::share::{self, Pace};
 use super::table::Table;
 use crate::film::Film;
 use crate::params::ImageFormat;
+use crate::render::forecast::Forecast;
 use crate::render::prepare::Prepared;
 use crate::render::report::Stages;
 use crate::render::{Engine, Render, RenderError, StopReason, Work};
@@ -47,6 +48,7 @@ struct Active {
     render: Box<dyn Render>,
     claim: Claim,
     expected: Duration,
+    forecast: Forecast,
     started: Instant,
     last_slice: Instant,
     attained: Duration,
@@ -158,7 +160,9 @@ impl Worker {
                 ready.stages.device_upload = seconds(now.elapsed());
                 if ready.job.start(&render.device().name) {
                     let started = Instant::now();
+                    let forecast = Forecast::new(ready.prepared.work.settings);
                     self.active.push(Active {
+                        forecast,
                         ready,
                         render,
                         claim,
@@ -293,19 +297,18 @@ impl Active {
         let job = &self.ready.job;
         let film = self.render.film();
         let fraction = self.render.progress().clamp(0.0, 1.0);
-        let eta = if fraction > 0.0 {
-            Some(self.started.elapsed().as_secs_f64() * (1.0 - fraction) / fraction)
-        } else {
-            Some(self.expected.as_secs_f64())
-        };
         let samples = film.samples();
         let error = film.error();
+        if let Some(error) = error {
+            self.forecast.look(fraction, error.upper_bound_95);
+        }
+        let left = self.forecast.left(fraction, self.started.elapsed()).unwrap_or(self.expected);
         job.advance(Progress {
             fraction,
             samples,
             error: error.map(|error| error.relative_rms),
             error_bound_95: error.map(|error| error.upper_bound_95),
-            eta_seconds: eta,
+            eta_seconds: Some(seconds(left)),
         });
         if samples > 0 && job.wants_preview() && !self.drawing.swap(true, Ordering::AcqRel) {
             let picture = film.picture();

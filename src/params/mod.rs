@@ -38,8 +38,10 @@ pub struct RenderParams {
     /// Light from infinity. Absent: automatic (neutral when nothing else shines); `null`: none.
     #[serde(skip_serializing_if = "EnvironmentChoice::is_auto")]
     pub environment: EnvironmentChoice,
-    /// Samples per pixel at which the render stops.
+    /// Samples per pixel at which the render stops, on the average of the picture.
     pub max_samples: u32,
+    /// More samples where there is more noise, as a pilot of 16 samples per pixel finds it (unbiased: docs/accuracy.md).
+    pub adaptive: bool,
     /// Relative error at which the render stops (docs/accuracy.md has the definition); none: not a criterion.
     pub target_error: Option<f64>,
     /// Wall time of tracing after which the render stops with what it has; none: not a criterion.
@@ -74,6 +76,7 @@ impl Default for RenderParams {
             scene_lights: true,
             environment: EnvironmentChoice::Auto,
             max_samples: 256,
+            adaptive: true,
             target_error: None,
             deadline_ms: None,
             max_bounces: None,

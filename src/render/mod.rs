@@ -3,11 +3,15 @@
 pub mod albedo;
 pub mod cpu;
 mod engines;
+pub mod forecast;
 pub mod gpu;
+mod plan;
 pub mod prepare;
 pub mod report;
 pub mod schedule;
 mod slice;
+#[cfg(test)]
+mod tests;
 
 pub use engines::Engines;
 
@@ -47,8 +51,10 @@ pub struct Settings {
     pub multiple_scattering: bool,
     /// Seed of every random number.
     pub seed: u32,
-    /// Samples per pixel to stop at.
+    /// Samples per pixel to stop at, on the average of the picture.
     pub max_samples: u32,
+    /// More samples where the pilot has found more noise.
+    pub adaptive: bool,
     /// Relative error to stop at.
     pub target_error: Option<f64>,
     /// Tracing time to stop at.

@@ -52,6 +52,7 @@ impl From<&RenderParams> for Settings {
             multiple_scattering: params.multiple_scattering,
             seed: params.seed,
             max_samples: params.max_samples,
+            adaptive: params.adaptive,
             target_error: params.target_error,
             deadline: params.deadline_ms.map(Duration::from_millis),
         }

@@ -27,8 +27,14 @@ pub struct Stages {
 /// Facts of a finished render.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
-    /// Samples per pixel.
+    /// Samples per pixel, on the average of the picture, to the nearest whole number.
     pub samples: u32,
+    /// Samples of the pixels that have fewest.
+    pub samples_min: u32,
+    /// Samples of the pixels that have most.
+    pub samples_max: u32,
+    /// Whether noisy parts were to get more samples than others.
+    pub adaptive: bool,
     /// Measured relative error (docs/accuracy.md); none if too few samples were taken to measure it.
     pub error: Option<f64>,
     /// The error is below this with 95 % confidence.
@@ -63,6 +69,8 @@ impl Report {
         let warnings: Vec<_> = self.warnings.iter().map(|w| format!("{} {}", w.code, w.pointer)).collect();
         [
             ("Candela-Samples", self.samples.to_string()),
+            ("Candela-Samples-Range", format!("{} to {}", self.samples_min, self.samples_max)),
+            ("Candela-Adaptive", self.adaptive.to_string()),
             ("Candela-Error", error(self.error)),
             ("Candela-Error-Bound-95", error(self.error_bound_95)),
             ("Candela-Seed", self.seed.to_string()),

@@ -1,5 +1,6 @@
 //! How much to trace at a time.
 
+use crate::film::{TILE_PIXELS, TileSamples};
 use std::time::Duration;
 
 /// What a slice should take: short enough that another job, a cancel or a watchdog need not wait.
@@ -9,6 +10,9 @@ const FIRST: f64 = 16384.0;
 /// Fewest paths of a slice: on a busy machine each slice waits for a core, and if that alone took the target time,
 /// slices would shrink to one tile and the waits would be all there is.
 const LEAST: f64 = 4096.0;
+
+/// Most entries of a slice, each a workgroup of a dispatch: WebGPU's least limit in one dimension.
+const MOST_ENTRIES: usize = 65535;
 
 /// Paths of the next slice, by the speed seen so far.
 #[derive(Debug, Clone, Copy)]
@@ -21,9 +25,18 @@ impl Default for SlicePaths {
 }
 
 impl SlicePaths {
-    /// Tiles of the next slice; at least one.
-    pub fn tiles(self, paths_per_tile: f64) -> u32 {
-        (self.0 / paths_per_tile).max(1.0) as u32
+    /// How many of the entries of a pass the next slice should take, at least one, and how many paths they are.
+    pub fn take(self, entries: &[TileSamples]) -> (u32, f64) {
+        let (mut count, mut paths) = (0, 0.0);
+        for entry in entries.iter().take(MOST_ENTRIES) {
+            let more = TILE_PIXELS as f64 * f64::from(entry.samples);
+            if count > 0 && paths + more > self.0 {
+                break;
+            }
+            count += 1;
+            paths += more;
+        }
+        (count, paths)
     }
 
     /// From a slice that took so long: towards the target time, at most four times more or less at once.

@@ -89,6 +89,8 @@ fn replies_have_the_shapes_that_are_promised() {
     server.wait_for(&id, &["succeeded"]);
     check("get", "/v1/jobs/{id}", &server.get(&format!("/v1/jobs/{id}")));
     check("get", "/v1/jobs/{id}/result", &server.get(&format!("/v1/jobs/{id}/result")));
+    check("get", "/v1/jobs/{id}/result", &server.get(&format!("/v1/jobs/{id}/result?aov=standard_error")));
+    check("get", "/v1/jobs/{id}/result", &server.get(&format!("/v1/jobs/{id}/result?aov=depth")));
     check("get", "/v1/jobs", &server.get("/v1/jobs"));
     check("post", "/v1/jobs", &server.post_json("/v1/jobs", &json!({ "scene": 1 })));
     let long = server.begin(&scene, &endless());

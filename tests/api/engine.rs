@@ -1,6 +1,6 @@
 //! A small engine of known behaviour: every step adds one sample per pixel, drawn from a hash.
 
-use candela::film::Film;
+use candela::film::{Film, TileSamples};
 use candela::jobs::EngineFactory;
 use candela::render::{DeviceInfo, Engine, Engines, NonFinite, Render, RenderError, StopReason, Work};
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -106,15 +106,19 @@ impl Render for TestRender {
         self.go_wrong()?;
         std::thread::sleep(STEP);
         let sample = self.film.samples();
-        let pixels = u64::from(self.film.width()) * u64::from(self.film.height());
-        let draw = |pixel: u64| {
+        let draw = |x: u32, y: u32| {
+            let pixel = u64::from(y) * u64::from(self.film.width()) + u64::from(x);
             let mut hash = DefaultHasher::new();
             (self.work.settings.seed, pixel, sample).hash(&mut hash);
             let value = (hash.finish() >> 40) as f32 / (1_u64 << 24) as f32;
             [value, value * 0.5, 0.25, 1.0]
         };
-        let sums: Vec<_> = (0..pixels).map(draw).collect();
-        self.film.add(sample as usize % candela::film::REPLICATES, 1, &sums);
+        let replicate = sample % candela::film::REPLICATES as u32;
+        let entry =
+            |tile| TileSamples { tile, replicate, first: self.film.replicate_samples(replicate, tile), samples: 1 };
+        let work: Vec<_> = self.film.tiles().spread().map(entry).collect();
+        let sums = self.film.tiles().lanes(&work, |_, (x, y)| draw(x, y));
+        self.film.add(&work, &sums);
         Ok((self.film.samples() >= self.work.settings.max_samples).then_some(StopReason::MaxSamples))
     }
 

@@ -104,3 +104,18 @@ fn a_cancelled_job_ends_its_stream() {
 fn an_unknown_job_has_no_events() {
     Server::start().get("/v1/jobs/nothing/events").problem(404, "job_not_found");
 }
+
+#[test]
+fn progress_tells_the_error_and_the_time_left() {
+    let server = Server::start();
+    let params = json!({ "width": 64, "height": 64, "max_samples": 4_000_000, "deadline_ms": 60_000 });
+    let id = server.begin(&server.upload(), &params);
+    let measured = |heard: &Heard| heard.kind == "progress" && heard.data["error"].is_number();
+    let heard = listen(&server, &id, None, |heard| heard.iter().any(measured));
+    let progress = &heard.iter().find(|heard| measured(heard)).expect("an error").data;
+    assert!(progress["error_bound_95"].as_f64() >= progress["error"].as_f64(), "{progress}");
+    assert!(progress["samples"].as_u64() > Some(0), "{progress}");
+    let left = progress["eta_seconds"].as_f64().expect("seconds");
+    assert!(left > 0.0 && left <= 60.0, "the deadline comes before max_samples: {left} s left");
+    server.send("POST", &format!("/v1/jobs/{id}/cancel"), &[], &[]);
+}

@@ -122,3 +122,43 @@ fn who_asks_for_a_preview_gets_one() {
     assert_eq!(preview.header("content-type"), Some("image/jpeg"));
     assert!(preview.header("candela-preview").is_some());
 }
+
+#[test]
+fn the_standard_error_of_each_pixel_is_an_exr() {
+    let server = Server::start();
+    let id = server.begin(&server.upload(), &json!({ "width": 24, "height": 16, "max_samples": 64 }));
+    let job = server.wait_for(&id, &["succeeded"]);
+    let of = |query: &str, accept: &str| {
+        server.send("GET", &format!("/v1/jobs/{id}/result{query}"), &[("accept", accept)], &[])
+    };
+    let pixels = |query: &str| {
+        let reply = of(query, "*/*");
+        assert_eq!((reply.status, reply.header("content-type")), (200, Some("image/x-exr")), "{reply:?}");
+        let picture = image::load_from_memory_with_format(&reply.body, image::ImageFormat::OpenExr).expect("an EXR");
+        let picture = picture.into_rgb32f();
+        assert_eq!(picture.dimensions(), (24, 16));
+        picture.into_raw()
+    };
+    let standard_error = pixels("?aov=standard_error");
+    assert!(standard_error.iter().all(|value| *value >= 0.0) && standard_error.iter().any(|value| *value > 0.0));
+    let samples = pixels("?aov=samples");
+    let mean = samples.iter().sum::<f32>() / samples.len() as f32;
+    assert!((mean - 64.0).abs() < 0.5, "{mean} samples");
+    let (least, most) = samples.iter().fold((f32::MAX, 0.0f32), |(l, m), &value| (l.min(value), m.max(value)));
+    assert_eq!(job["report"]["samples_min"], least as u32);
+    assert_eq!(job["report"]["samples_max"], most as u32);
+    assert_eq!(job["report"]["adaptive"], true);
+
+    let refused = of("?aov=standard_error", "image/png").problem(406, "not_acceptable");
+    assert!(refused["detail"].as_str().is_some_and(|detail| detail.contains("image/x-exr")), "{refused}");
+    let unknown = of("?aov=depth", "*/*").problem(422, "invalid_params");
+    assert!(unknown["detail"].as_str().is_some_and(|detail| detail.contains("standard_error or samples")), "{unknown}");
+}
+
+#[test]
+fn one_sample_has_no_standard_error() {
+    let server = Server::start();
+    let id = server.begin(&server.upload(), &json!({ "width": 16, "height": 8, "max_samples": 1 }));
+    server.wait_for(&id, &["succeeded"]);
+    server.get(&format!("/v1/jobs/{id}/result?aov=standard_error")).problem(406, "not_acceptable");
+}

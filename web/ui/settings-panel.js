@@ -25,6 +25,7 @@ const PANELS = {
     ["mode", SelectField, "Light paths", { options: MODES }],
     ["max_bounces", NumberField, "Bounces", { min: 0, ...WHOLE, placeholder: "unlimited" }],
     ["max_samples", NumberField, "Samples per pixel", { min: 1, ...WHOLE }],
+    ["adaptive", CheckField, "Adaptive sampling", {}],
     [
       "target_error",
       NumberField,

@@ -68,6 +68,8 @@ export class StatusBar {
       time: duration(time),
       device: report.device.name,
     });
+    const { samples_min: least, samples_max: most } = report;
+    this.numbers.samples.title = least < most ? `${least} to ${most}` : "";
     this.numbers.time.title = Object.entries(seconds)
       .map(([stage, s]) => `${stage}: ${duration(s)}`)
       .join("\n");

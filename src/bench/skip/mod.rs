@@ -2,7 +2,7 @@
 
 mod compare;
 mod files;
-mod kernel;
+pub(super) mod kernel;
 mod pairs;
 mod reuse;
 

@@ -3,17 +3,15 @@
 use super::bvh::Bvh;
 use super::integrator::Integrator;
 use super::sampler::Sampler;
-use crate::film::Film;
+use crate::film::{Film, TILE_PIXELS, TileSamples};
 use crate::render::schedule::{Pass, Schedule};
 use crate::render::slice::SlicePaths;
 use crate::render::{DeviceInfo, NonFinite, Render, RenderError, StopReason, Work};
 use glam::DVec4;
 use rayon::prelude::*;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-
-/// Side of the square of pixels that a core takes at a time.
-const TILE: u32 = 8;
 
 /// A picture under way.
 pub struct CpuRender {
@@ -22,10 +20,11 @@ pub struct CpuRender {
     schedule: Schedule,
     seed: u32,
     sobol: bool,
-    max_samples: u32,
     film: Film,
-    /// The pass under way, the tiles of it that are done, and their sums.
-    pass: Option<(Pass, u32, Vec<[f32; 4]>)>,
+    /// The pass under way.
+    pass: Pass,
+    /// Sums of the entries of the pass that are done, lane by lane.
+    sums: Vec<[f32; 4]>,
     tracing: Duration,
     slice: SlicePaths,
     non_finite: NonFinite,
@@ -41,36 +40,41 @@ impl CpuRender {
             schedule: Schedule::new(&settings),
             seed: settings.seed,
             sobol: settings.strategy.sobol,
-            max_samples: settings.max_samples,
             integrator: Integrator::new(work, tree),
             film,
-            pass: None,
+            pass: Pass::new(),
+            sums: Vec::new(),
             tracing: Duration::ZERO,
             slice: SlicePaths::default(),
             non_finite: NonFinite::default(),
         }
     }
 
-    fn tiles(&self) -> (u32, u32) {
-        let across = self.film.width().div_ceil(TILE);
-        (across, across * self.film.height().div_ceil(TILE))
+    /// Begins the pass that is due, or says why there is none.
+    fn next_pass(&mut self) -> Option<StopReason> {
+        (self.pass, self.sums) = (Pass::new(), Vec::new());
+        match self.schedule.next(&self.film, self.tracing) {
+            ControlFlow::Break(reason) => return Some(reason),
+            ControlFlow::Continue(pass) => self.pass = pass,
+        }
+        None
     }
 
-    /// Sums of a tile, lane by lane, and what was dropped.
-    fn trace_tile(&self, tile: u32, pass: Pass) -> (Vec<[f32; 4]>, NonFinite) {
+    /// Entries of the pass that are done.
+    fn done(&self) -> usize {
+        self.sums.len() / TILE_PIXELS
+    }
+
+    /// Sums of an entry, lane by lane, and what was dropped.
+    fn trace(&self, entry: TileSamples) -> (Vec<[f32; 4]>, NonFinite) {
         let mut dropped = NonFinite::default();
-        let (across, _) = self.tiles();
-        let corner = [tile % across * TILE, tile / across * TILE];
         let lane = |lane: u32| {
-            let (x, y) = (corner[0] + lane % TILE, corner[1] + lane / TILE);
-            if x >= self.film.width() || y >= self.film.height() {
-                return [0.0; 4];
-            }
+            let Some((x, y)) = self.film.tiles().pixel(entry.tile, lane) else { return [0.0; 4] };
             let pixel = y * self.film.width() + x;
             let mut sum = DVec4::ZERO;
-            for sample in pass.first..pass.first + pass.samples {
+            for sample in entry.first..entry.first + entry.samples {
                 let value =
-                    self.integrator.sample(x, y, &Sampler::new(pixel, sample, pass.replicate, self.seed, self.sobol));
+                    self.integrator.sample(x, y, &Sampler::new(pixel, sample, entry.replicate, self.seed, self.sobol));
                 match value {
                     _ if value.is_finite() => sum += value,
                     _ if value.is_nan() => dropped.nan += 1,
@@ -79,19 +83,7 @@ impl CpuRender {
             }
             sum.as_vec4().to_array()
         };
-        ((0..TILE * TILE).map(lane).collect(), dropped)
-    }
-
-    fn collect(&mut self, pass: Pass, tiles: &[[f32; 4]]) {
-        let (across, _) = self.tiles();
-        let place = |x: u32, y: u32| {
-            let tile = y / TILE * across + x / TILE;
-            tiles[(tile * TILE * TILE + y % TILE * TILE + x % TILE) as usize]
-        };
-        let (width, height) = (self.film.width(), self.film.height());
-        let sums: Vec<[f32; 4]> =
-            (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| place(x, y)).collect();
-        self.film.add(pass.replicate as usize, pass.samples, &sums);
+        ((0..TILE_PIXELS as u32).map(lane).collect(), dropped)
     }
 }
 
@@ -102,33 +94,27 @@ impl Render for CpuRender {
 
     fn step(&mut self) -> Result<Option<StopReason>, RenderError> {
         let begun = Instant::now();
-        let (pass, done, mut sums) = match self.pass.take() {
-            Some(under_way) => under_way,
-            None => match self.schedule.next(&self.film) {
-                Some(pass) => (pass, 0, Vec::new()),
-                None => return Ok(Some(StopReason::MaxSamples)),
-            },
-        };
-        let paths_per_tile = f64::from(TILE * TILE * pass.samples);
-        let end = (done + self.slice.tiles(paths_per_tile)).min(self.tiles().1);
-        let traced: Vec<_> = (done..end).into_par_iter().map(|tile| self.trace_tile(tile, pass)).collect();
-        for (tile, dropped) in traced {
-            sums.extend(tile);
+        if self.done() == self.pass.len()
+            && let Some(reason) = self.next_pass()
+        {
+            return Ok(Some(reason));
+        }
+        let entries = &self.pass[self.done()..];
+        let (count, paths) = self.slice.take(entries);
+        let traced: Vec<_> = entries[..count as usize].par_iter().map(|&entry| self.trace(entry)).collect();
+        for (sums, dropped) in traced {
+            self.sums.extend(sums);
             self.non_finite.nan += dropped.nan;
             self.non_finite.infinite += dropped.infinite;
         }
-        self.slice.learn(f64::from(end - done) * paths_per_tile, begun.elapsed());
-        let finished = end == self.tiles().1;
-        if finished {
-            self.collect(pass, &sums);
-        } else {
-            self.pass = Some((pass, end, sums));
+        self.slice.learn(paths, begun.elapsed());
+        if self.done() < self.pass.len() {
+            self.tracing += begun.elapsed();
+            return Ok(self.schedule.overdue(&self.film, self.tracing).then_some(StopReason::Deadline));
         }
+        self.film.add(&self.pass, &self.sums);
         self.tracing += begun.elapsed();
-        if finished {
-            return Ok(self.schedule.stop(&self.film, self.tracing));
-        }
-        Ok(self.schedule.overdue(&self.film, self.tracing).then_some(StopReason::Deadline))
+        Ok(self.next_pass())
     }
 
     fn film(&self) -> &Film {
@@ -140,11 +126,7 @@ impl Render for CpuRender {
     }
 
     fn progress(&self) -> f64 {
-        let under_way = self
-            .pass
-            .as_ref()
-            .map_or(0.0, |(pass, done, _)| f64::from(pass.samples) * f64::from(*done) / f64::from(self.tiles().1));
-        (f64::from(self.film.samples()) + under_way) / f64::from(self.max_samples.max(1))
+        self.schedule.fraction(&self.film, &self.pass[..self.done()])
     }
 
     fn non_finite(&self) -> NonFinite {

@@ -45,19 +45,15 @@ pub struct Frame {
     pub filter_table: [f32; FILTER_STEPS],
 }
 
-/// One dispatch: a range of tiles of one pass.
+/// One dispatch: a range of the tiles that a pass lists.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 #[allow(missing_docs, reason = "named as in the shader")]
 pub struct Slice {
-    pub first_tile: u32,
-    pub tile_count: u32,
-    pub first_sample: u32,
-    pub sample_count: u32,
-    pub replicate: u32,
-    pub tile_stride: u32,
-    pub tiles_across: u32,
-    pub tiles: u32,
+    pub first: u32,
+    pub count: u32,
+    pub row: u32,
+    pub regions_across: u32,
 }
 
 impl Frame {
@@ -217,10 +213,7 @@ mod tests {
                 filter_table,
             }
         );
-        assert_mirrors!(
-            module,
-            Slice { first_tile, tile_count, first_sample, sample_count, replicate, tile_stride, tiles_across, tiles }
-        );
+        assert_mirrors!(module, Slice { first, count, row, regions_across });
         assert_mirrors!(module, Triangle { v0, material, v1, light, v2, primitive });
         assert_mirrors!(module, Instance { to_world, to_object, root, first_triangle, light_base, flags });
         assert_mirrors!(module, TextureSlot { row_u, info, row_v, corner, size });

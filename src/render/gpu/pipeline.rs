@@ -127,7 +127,7 @@ fn constants(variant: Variant) -> [(&'static str, f64); 24] {
     ]
 }
 
-fn bindings() -> [wgpu::BindGroupLayoutEntry; 16] {
+fn bindings() -> [wgpu::BindGroupLayoutEntry; 17] {
     let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
     let uniform = buffer(wgpu::BufferBindingType::Uniform);
     let read = buffer(wgpu::BufferBindingType::Storage { read_only: true });
@@ -137,13 +137,16 @@ fn bindings() -> [wgpu::BindGroupLayoutEntry; 16] {
     let float = wgpu::TextureSampleType::Float { filterable: false };
     let pages = texture(float, wgpu::TextureViewDimension::D2Array);
     let table = texture(float, wgpu::TextureViewDimension::D2);
+    let list = texture(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2);
     let film = wgpu::BindingType::StorageTexture {
         access: wgpu::StorageTextureAccess::WriteOnly,
         format: wgpu::TextureFormat::Rgba32Float,
         view_dimension: wgpu::TextureViewDimension::D2,
     };
-    let types =
-        [uniform, uniform, read, read, read, read, read, read, read, write, pages, pages, table, table, table, film];
+    let types = [
+        uniform, uniform, read, read, read, read, read, read, read, write, pages, pages, table, table, table, list,
+        film,
+    ];
     let mut binding = 0;
     types.map(|ty| {
         let entry = wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };

@@ -3,20 +3,21 @@
 use super::device::Gpu;
 use super::layout::{Frame, Slice};
 use super::resources::{GpuEnvironment, GpuScene, Resources};
-use crate::film::Film;
+use crate::film::{Film, TILE_PIXELS};
 use crate::render::schedule::{Pass, Schedule};
 use crate::render::slice::SlicePaths;
 use crate::render::{DeviceInfo, NonFinite, Render, RenderError, StopReason, Work};
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
-/// Side of the square of pixels that one workgroup traces, as in `shaders/pathtrace/pathtrace.wesl`.
-const TILE: u32 = 8;
-/// Most workgroups of one dispatch in one dimension (WebGPU's least limit).
-const MAX_WORKGROUPS: u32 = 65535;
-/// Bytes to which rows are aligned when a texture is copied to a buffer.
-const ROW_ALIGNMENT: u32 = wgpu::COPY_BYTES_PER_ROW_ALIGNMENT;
+/// Lanes of a workgroup, as in `shaders/pathtrace/pathtrace.wesl`.
+const LANES: u32 = TILE_PIXELS as u32;
+/// Bytes of the counters.
+const COUNTERS: u64 = 8;
+/// Bytes of a tile's sums, a multiple of what rows are aligned to when a texture is copied to a buffer.
+const TILE_BYTES: u32 = LANES * 16;
 
 /// A picture under way on the device.
 pub struct GpuRender {
@@ -25,13 +26,17 @@ pub struct GpuRender {
     bindings: wgpu::BindGroup,
     slice: wgpu::Buffer,
     counters: wgpu::Buffer,
+    work: wgpu::Texture,
     target: wgpu::Texture,
+    /// Tiles in a row of `work` and of `target`.
+    row: u32,
     readback: wgpu::Buffer,
     schedule: Schedule,
-    max_samples: u32,
     film: Film,
-    /// The pass under way and the tiles of it that are done.
-    pass: Option<(Pass, u32)>,
+    /// The pass under way.
+    pass: Pass,
+    /// Entries of the pass that are done.
+    done: u32,
     tracing: Duration,
     slice_paths: SlicePaths,
     non_finite: NonFinite,
@@ -60,13 +65,20 @@ impl GpuRender {
         }
         let frame = uniform(gpu, "frame", bytemuck::bytes_of(&Frame::new(work)));
         let slice = uniform(gpu, "slice", &[0; size_of::<Slice>()]);
-        let counters = buffer(gpu, "counters", 8, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC);
-        let target = create_target(gpu, width, height);
-        let size = u64::from(padded_row(width)) * u64::from(height) + 8;
+        let counters = buffer(gpu, "counters", COUNTERS, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC);
+        let film = film.unwrap_or_else(|| Film::new(width, height));
+        let tiles = film.tiles().count();
+        let row = (limit / LANES).min(tiles);
+        let rows = tiles.div_ceil(row);
+        let list = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+        let list = create_texture(gpu, "work", (row, rows), wgpu::TextureFormat::Rgba32Uint, list);
+        let target = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC;
+        let target = create_texture(gpu, "film", (row * LANES, rows), wgpu::TextureFormat::Rgba32Float, target);
+        let size = u64::from(row * rows) * u64::from(TILE_BYTES) + COUNTERS;
         let readback = buffer(gpu, "readback", size, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
         let lights = gpu.storage("lights", bytemuck::cast_slice(&work.lighting.lights), 64)?;
         let picks = gpu.storage("light table", bytemuck::cast_slice(&work.lighting.picks), 32)?;
-        let view = target.create_view(&wgpu::TextureViewDescriptor::default());
+        let [list_view, target_view] = [&list, &target].map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
         let entries = [
             frame.as_entire_binding(),
             slice.as_entire_binding(),
@@ -83,7 +95,8 @@ impl GpuRender {
             wgpu::BindingResource::TextureView(&environment.texels),
             wgpu::BindingResource::TextureView(&environment.cells),
             wgpu::BindingResource::TextureView(&resources.albedo),
-            wgpu::BindingResource::TextureView(&view),
+            wgpu::BindingResource::TextureView(&list_view),
+            wgpu::BindingResource::TextureView(&target_view),
         ];
         let mut binding = 0;
         let entries = entries.map(|resource| {
@@ -102,43 +115,43 @@ impl GpuRender {
             bindings,
             slice,
             counters,
+            work: list,
             target,
+            row,
             readback,
             schedule: Schedule::new(&work.settings),
-            max_samples: work.settings.max_samples,
-            film: film.unwrap_or_else(|| Film::new(width, height)),
-            pass: None,
+            film,
+            pass: Pass::new(),
+            done: 0,
             tracing: Duration::ZERO,
             slice_paths: SlicePaths::default(),
             non_finite: NonFinite::default(),
         })
     }
 
-    fn tiles(&self) -> (u32, u32) {
-        let across = self.film.width().div_ceil(TILE);
-        (across, across * self.film.height().div_ceil(TILE))
+    /// Begins the pass that is due, or says why there is none.
+    fn next_pass(&mut self) -> Option<StopReason> {
+        (self.pass, self.done) = (Pass::new(), 0);
+        match self.schedule.next(&self.film, self.tracing) {
+            ControlFlow::Break(reason) => return Some(reason),
+            ControlFlow::Continue(pass) => self.pass = pass,
+        }
+        let mut entries: Vec<[u32; 4]> = self.pass.iter().map(|e| [e.tile, e.replicate, e.first, e.samples]).collect();
+        let rows = (entries.len() as u32).div_ceil(self.row);
+        entries.resize((rows * self.row) as usize, [0; 4]);
+        self.gpu.queue.write_texture(
+            self.work.as_image_copy(),
+            bytemuck::cast_slice(&entries),
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(16 * self.row), rows_per_image: None },
+            wgpu::Extent3d { width: self.row, height: rows, depth_or_array_layers: 1 },
+        );
+        None
     }
 
-    /// Tiles of the next dispatch, by the speed seen so far.
-    fn slice_tiles(&self, pass: Pass, done: u32) -> u32 {
-        let paths_per_tile = f64::from(TILE * TILE * pass.samples);
-        let tiles = self.slice_paths.tiles(paths_per_tile);
-        tiles.min(self.tiles().1 - done).min(MAX_WORKGROUPS)
-    }
-
-    /// Traces some tiles of a pass; copies the pictures out with the last.
-    fn dispatch(&mut self, pass: Pass, done: u32, count: u32) -> Result<(), RenderError> {
-        let (tiles_across, tiles) = self.tiles();
-        let slice = Slice {
-            first_tile: done,
-            tile_count: count,
-            first_sample: pass.first,
-            sample_count: pass.samples,
-            replicate: pass.replicate,
-            tile_stride: spread(tiles),
-            tiles_across,
-            tiles,
-        };
+    /// Traces some entries of the pass; copies the sums out with the last.
+    fn dispatch(&mut self, count: u32) -> Result<(), RenderError> {
+        let slice =
+            Slice { first: self.done, count, row: self.row, regions_across: self.film.tiles().regions_across() };
         self.gpu.queue.write_buffer(&self.slice, 0, bytemuck::bytes_of(&slice));
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
@@ -147,44 +160,41 @@ impl GpuRender {
             compute.set_bind_group(0, &self.bindings, &[]);
             compute.dispatch_workgroups(count, 1, 1);
         }
-        if done + count == tiles {
+        self.done += count;
+        if self.is_finished() {
             self.copy_out(&mut encoder);
         }
         self.gpu.queue.submit([encoder.finish()]);
         self.gpu.wait()
     }
 
-    fn copy_out(&self, encoder: &mut wgpu::CommandEncoder) {
-        let (width, height) = (self.film.width(), self.film.height());
-        let row = padded_row(width);
-        encoder.copy_texture_to_buffer(
-            self.target.as_image_copy(),
-            wgpu::TexelCopyBufferInfo {
-                buffer: &self.readback,
-                layout: wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row), rows_per_image: None },
-            },
-            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-        );
-        encoder.copy_buffer_to_buffer(&self.counters, 0, &self.readback, u64::from(row) * u64::from(height), 8);
+    fn is_finished(&self) -> bool {
+        self.done as usize == self.pass.len()
     }
 
-    /// Adds what a pass has made to the film.
-    fn collect(&mut self, pass: Pass) -> Result<(), RenderError> {
+    /// Counters first, then the rows of sums that the pass has filled.
+    fn copy_out(&self, encoder: &mut wgpu::CommandEncoder) {
+        let layout =
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(self.row * TILE_BYTES), rows_per_image: None };
+        let size =
+            wgpu::Extent3d { width: self.row * LANES, height: self.done.div_ceil(self.row), depth_or_array_layers: 1 };
+        let readback = wgpu::TexelCopyBufferInfo { buffer: &self.readback, layout };
+        encoder.copy_texture_to_buffer(self.target.as_image_copy(), readback, size);
+        encoder.copy_buffer_to_buffer(&self.counters, 0, &self.readback, self.readback.size() - COUNTERS, COUNTERS);
+    }
+
+    /// Adds what the pass has made to the film.
+    fn collect(&mut self) -> Result<(), RenderError> {
         self.readback.map_async(wgpu::MapMode::Read, .., |_| {});
         self.gpu.wait()?;
         let lost = |e: wgpu::MapRangeError| RenderError::DeviceLost(e.to_string());
-        let (width, height) = (self.film.width() as usize, self.film.height() as usize);
-        let row = padded_row(self.film.width()) as usize;
         let mapped = self.readback.get_mapped_range(..).map_err(lost)?;
-        let mut sums: Vec<[f32; 4]> = Vec::with_capacity(width * height);
-        for line in mapped[..row * height].chunks_exact(row) {
-            sums.extend_from_slice(bytemuck::cast_slice(&line[..width * 16]));
-        }
-        let counters: [u32; 2] = bytemuck::pod_read_unaligned(&mapped[row * height..row * height + 8]);
+        let (sums, counters) = mapped.split_at(mapped.len() - COUNTERS as usize);
+        let counters: [u32; 2] = bytemuck::pod_read_unaligned(counters);
+        self.non_finite = NonFinite { nan: u64::from(counters[0]), infinite: u64::from(counters[1]) };
+        self.film.add(&self.pass, bytemuck::cast_slice(&sums[..self.pass.len() * TILE_BYTES as usize]));
         drop(mapped);
         self.readback.unmap();
-        self.non_finite = NonFinite { nan: u64::from(counters[0]), infinite: u64::from(counters[1]) };
-        self.film.add(pass.replicate as usize, pass.samples, &sums);
         Ok(())
     }
 }
@@ -196,27 +206,21 @@ impl Render for GpuRender {
 
     fn step(&mut self) -> Result<Option<StopReason>, RenderError> {
         let begun = Instant::now();
-        let (pass, done) = match self.pass {
-            Some(under_way) => under_way,
-            None => match self.schedule.next(&self.film) {
-                Some(pass) => (pass, 0),
-                None => return Ok(Some(StopReason::MaxSamples)),
-            },
-        };
-        let count = self.slice_tiles(pass, done);
-        self.dispatch(pass, done, count)?;
-        let paths = f64::from(count * TILE * TILE) * f64::from(pass.samples);
+        if self.is_finished()
+            && let Some(reason) = self.next_pass()
+        {
+            return Ok(Some(reason));
+        }
+        let (count, paths) = self.slice_paths.take(&self.pass[self.done as usize..]);
+        self.dispatch(count)?;
         self.slice_paths.learn(paths, begun.elapsed());
-        let finished = done + count == self.tiles().1;
-        self.pass = (!finished).then_some((pass, done + count));
-        if finished {
-            self.collect(pass)?;
+        if !self.is_finished() {
+            self.tracing += begun.elapsed();
+            return Ok(self.schedule.overdue(&self.film, self.tracing).then_some(StopReason::Deadline));
         }
+        self.collect()?;
         self.tracing += begun.elapsed();
-        if finished {
-            return Ok(self.schedule.stop(&self.film, self.tracing));
-        }
-        Ok(self.schedule.overdue(&self.film, self.tracing).then_some(StopReason::Deadline))
+        Ok(self.next_pass())
     }
 
     fn film(&self) -> &Film {
@@ -228,32 +232,12 @@ impl Render for GpuRender {
     }
 
     fn progress(&self) -> f64 {
-        let under_way =
-            self.pass.map_or(0.0, |(pass, done)| f64::from(pass.samples) * f64::from(done) / f64::from(self.tiles().1));
-        (f64::from(self.film.samples()) + under_way) / f64::from(self.max_samples.max(1))
+        self.schedule.fraction(&self.film, &self.pass[..self.done as usize])
     }
 
     fn non_finite(&self) -> NonFinite {
         self.non_finite
     }
-}
-
-/// A step through `tiles` that visits each once and puts neighbours far apart.
-fn spread(tiles: u32) -> u32 {
-    let coprime = |step: &u32| {
-        let (mut a, mut b) = (*step, tiles);
-        while b != 0 {
-            (a, b) = (b, a % b);
-        }
-        a == 1
-    };
-    // About the golden section, and small enough that no product leaves 32 bits.
-    let start = (f64::from(tiles) * 0.618) as u32;
-    (start.clamp(1, u32::MAX / tiles.max(1))..).find(coprime).unwrap_or(1)
-}
-
-fn padded_row(width: u32) -> u32 {
-    (width * 16).next_multiple_of(ROW_ALIGNMENT)
 }
 
 fn uniform(gpu: &Gpu, label: &str, contents: &[u8]) -> wgpu::Buffer {
@@ -265,32 +249,21 @@ fn buffer(gpu: &Gpu, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu:
     gpu.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
 }
 
-fn create_target(gpu: &Gpu, width: u32, height: u32) -> wgpu::Texture {
+fn create_texture(
+    gpu: &Gpu,
+    label: &str,
+    (width, height): (u32, u32),
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> wgpu::Texture {
     gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("film"),
+        label: Some(label),
         size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba32Float,
-        usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC,
+        format,
+        usage,
         view_formats: &[],
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn spread_visits_each_tile_once() {
-        for tiles in [1, 2, 3, 64, 9450, 65536, 1_048_576] {
-            let stride = spread(tiles);
-            let mut seen = vec![false; tiles as usize];
-            for tile in 0..tiles {
-                seen[((tile * stride) % tiles) as usize] = true;
-            }
-            assert!(seen.iter().all(|&s| s), "{tiles} tiles, stride {stride}");
-        }
-    }
 }

@@ -1,0 +1,229 @@
+//! Adaptive sampling against uniform: time and samples until the stated error is the same.
+
+use super::skip::kernel::{compiled, demo_scene, imported, work};
+use crate::compile::{compile_scene, decode_hdri};
+use crate::params::EngineChoice;
+use crate::render::prepare::{Progress, render_to_end};
+use crate::render::{Engine, Engines, Work};
+use anyhow::{Context, Result};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Least growth of the samples between two looks at the error.
+const GROWTH: f64 = 1.05;
+
+/// Runs `rounds` seeds of each case, uniform and adaptive in turns, up to `samples` per pixel, and writes the table.
+/// `choice`: the engine; `peers`: a folder with `cases` of other renderers' pictures, if there is one.
+///
+/// # Errors
+/// No adapter, a device fault, or a case that cannot be read.
+pub fn run(choice: EngineChoice, rounds: u32, samples: u32, peers: Option<&Path>, out: &mut dyn Write) -> Result<()> {
+    let mut engine = Engines::new();
+    let mut cases = demos(samples)?;
+    match peers {
+        Some(folder) => cases.extend(peer_cases(folder, samples)?),
+        None => eprintln!("SKIPPED: the peers' cases; give their folder as --peers"),
+    }
+    for (_, work) in &mut cases {
+        work.settings.engine = choice;
+    }
+    if let Some((_, work)) = cases.first() {
+        let render = engine.begin(work.clone(), None)?;
+        writeln!(out, "On {}; {rounds} seeds, up to {samples} samples per pixel.\n", super::machine(render.device()))?;
+    }
+    writeln!(out, "| scene | error | uniform s | adaptive s | time ratio | sample ratio | at twice the error |")?;
+    writeln!(out, "|---|---|---|---|---|---|---|")?;
+    for (name, work) in cases {
+        let pairs = (1..=rounds).map(|seed| Pair::trace(&mut engine, &work, seed)).collect::<Result<Vec<_>>>()?;
+        writeln!(out, "| {name} | {} |", row(&pairs))?;
+        out.flush()?;
+    }
+    Ok(())
+}
+
+/// Scenes that Candela makes itself.
+fn demos(samples: u32) -> Result<Vec<(String, Work)>> {
+    let white = json!({"constant": [1, 1, 1]});
+    let afar = json!({"position": [0, 1, 14], "target": [0, 1, 0], "yfov_degrees": 36});
+    let cases = [
+        ("still-life", json!({})),
+        ("box", json!({})),
+        ("box from afar", json!({"camera": afar})),
+        ("detail", json!({})),
+        ("grid", json!({})),
+        ("bumpy-10k in white", json!({"environment": white})),
+        ("furnace", json!({})),
+        ("plane", json!({})),
+        ("emitters", json!({})),
+        ("instances", json!({})),
+    ];
+    let case = |(name, extra): (&str, Value)| {
+        let demo = name.split(' ').next().unwrap_or(name);
+        Ok((format!("demo {name}"), compiled(&demo_scene(demo)?, params(samples, extra))?))
+    };
+    cases.into_iter().map(case).collect()
+}
+
+fn params(samples: u32, extra: Value) -> Value {
+    let mut params = json!({"width": 256, "height": 256, "max_samples": samples});
+    if let (Some(params), Value::Object(extra)) = (params.as_object_mut(), extra) {
+        params.extend(extra);
+    }
+    params
+}
+
+/// What a peer's case says that we need.
+#[derive(Deserialize)]
+struct PeerCase {
+    scene: String,
+    camera: PeerCamera,
+    environment: PeerEnvironment,
+    max_depth: u32,
+}
+
+#[derive(Deserialize)]
+struct PeerCamera {
+    position: Value,
+    target: Value,
+    up: Value,
+    vfov_deg: f64,
+}
+
+#[derive(Deserialize)]
+struct PeerEnvironment {
+    hdr: Option<String>,
+    constant: Option<Value>,
+    #[serde(default)]
+    rotation_deg: f64,
+}
+
+fn peer_cases(folder: &Path, samples: u32) -> Result<Vec<(String, Work)>> {
+    ["cornell", "helmet", "grid"].map(|name| peer_case(&folder.join("cases"), name, samples)).into_iter().collect()
+}
+
+fn peer_case(folder: &Path, name: &str, samples: u32) -> Result<(String, Work)> {
+    let read = |file: &str| {
+        let path = folder.join(file);
+        std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))
+    };
+    let case: PeerCase = serde_json::from_slice(&read(&format!("{name}.json"))?)?;
+    let PeerCamera { position, target, up, vfov_deg } = case.camera;
+    let mut extra = json!({
+        "max_bounces": case.max_depth, "filter": {"kind": "box"},
+        "camera": {"position": position, "target": target, "up": up, "yfov_degrees": vfov_deg},
+    });
+    let PeerEnvironment { hdr, constant, rotation_deg } = case.environment;
+    extra["environment"] = match &hdr {
+        Some(file) => json!({"hdri": file, "rotation_degrees": rotation_deg}),
+        None => json!({"constant": constant}),
+    };
+    let hdri = hdr.map(|file| anyhow::Ok(Arc::new(decode_hdri(&read(&file)?)?))).transpose()?;
+    let scene = imported(read(&case.scene)?)?;
+    let compiled = compile_scene(&scene, None)?;
+    Ok((format!("peers' {name}"), work(&scene, compiled, params(samples, extra), hdri)?))
+}
+
+/// How far a render was.
+#[derive(Clone, Copy)]
+struct Point {
+    error: f64,
+    seconds: f64,
+    samples: f64,
+}
+
+/// Both ways with the same seed.
+struct Pair {
+    uniform: Vec<Point>,
+    adaptive: Vec<Point>,
+}
+
+impl Pair {
+    fn trace(engine: &mut dyn Engine, work: &Work, seed: u32) -> Result<Self> {
+        let mut trace = |adaptive| {
+            let mut work = work.clone();
+            (work.settings.seed, work.settings.adaptive) = (seed, adaptive);
+            trace(engine, work)
+        };
+        Ok(Self { uniform: trace(false)?, adaptive: trace(true)? })
+    }
+
+    /// The error that both have reached.
+    fn common(&self) -> f64 {
+        let reached = |points: &[Point]| points.iter().map(|point| point.error).fold(f64::INFINITY, f64::min);
+        reached(&self.uniform).max(reached(&self.adaptive))
+    }
+}
+
+fn trace(engine: &mut dyn Engine, work: Work) -> Result<Vec<Point>> {
+    let mut points: Vec<Point> = Vec::new();
+    let mut looking = Duration::ZERO;
+    let look = &mut |progress: Progress<'_>| {
+        let pixels = f64::from(progress.film.width()) * f64::from(progress.film.height());
+        let samples = progress.film.pixel_samples() as f64 / pixels;
+        if samples < GROWTH * points.last().map_or(1.0, |point| point.samples) {
+            return;
+        }
+        let begun = std::time::Instant::now();
+        if let Some(error) = progress.film.error() {
+            let seconds = (progress.elapsed - looking).as_secs_f64();
+            points.push(Point { error: error.relative_rms, seconds, samples });
+        }
+        looking += begun.elapsed();
+    };
+    render_to_end(engine, work, look)?;
+    Ok(points)
+}
+
+/// Seconds and samples until the error was at most `error`, between looks by power laws.
+fn until(points: &[Point], error: f64) -> (f64, f64) {
+    let Some(after) = points.iter().position(|point| point.error <= error) else { return (f64::NAN, f64::NAN) };
+    let (b, a) = (points[after], points[after.saturating_sub(1)]);
+    let part = if a.error > b.error { (a.error / error).ln() / (a.error / b.error).ln() } else { 1.0 };
+    let between = |a: f64, b: f64| a * (b / a).powf(part);
+    (between(a.seconds, b.seconds), between(a.samples, b.samples))
+}
+
+fn row(pairs: &[Pair]) -> String {
+    let mean = |value: &dyn Fn(&Pair) -> f64| {
+        (pairs.iter().map(|pair| value(pair).ln()).sum::<f64>() / pairs.len() as f64).exp()
+    };
+    if pairs.iter().any(|pair| pair.common() == 0.0) {
+        return "0 | | | | | ".to_owned();
+    }
+    let seconds = |points: fn(&Pair) -> &[Point]| mean(&|pair| until(points(pair), pair.common()).0);
+    let ratio = |pair: &Pair, error: f64| {
+        let (uniform, adaptive) = (until(&pair.uniform, error), until(&pair.adaptive, error));
+        (uniform.0 / adaptive.0, uniform.1 / adaptive.1)
+    };
+    let least = pairs.iter().map(|pair| ratio(pair, pair.common()).0).fold(f64::INFINITY, f64::min);
+    format!(
+        "{:.4} | {:.2} | {:.2} | {:.2} (least {least:.2}) | {:.2} | {:.2}, samples {:.2}",
+        mean(&Pair::common),
+        seconds(|pair| &pair.uniform),
+        seconds(|pair| &pair.adaptive),
+        mean(&|pair| ratio(pair, pair.common()).0),
+        mean(&|pair| ratio(pair, pair.common()).1),
+        mean(&|pair| ratio(pair, 2.0 * pair.common()).0),
+        mean(&|pair| ratio(pair, 2.0 * pair.common()).1),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_the_error_takes_four_times_the_samples() {
+        let point = |samples: f64| Point { error: samples.powf(-0.5), seconds: 3.0 * samples, samples };
+        let points = [16.0, 64.0, 256.0].map(point);
+        let (seconds, samples) = until(&points, 0.1);
+        assert!((samples - 100.0).abs() < 1e-9 && (seconds - 300.0).abs() < 1e-9, "{seconds} s, {samples} samples");
+        assert!(until(&points, 0.01).0.is_nan());
+        let pair = Pair { uniform: points.to_vec(), adaptive: points[..2].to_vec() };
+        assert_eq!(pair.common(), 0.125);
+    }
+}

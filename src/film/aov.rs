@@ -1,0 +1,123 @@
+//! Pictures beside the picture: how sure each pixel is, and how many samples it took.
+
+use super::{Film, Picture, Tiles};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// What a film can show besides its picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Aov {
+    /// Standard error of each pixel and channel, in the unit of the radiance, from the spread of the replicates: with
+    /// four of them it has three degrees of freedom.
+    StandardError,
+    /// Samples of each pixel, the same in all three channels.
+    Samples,
+}
+
+impl Aov {
+    /// All there are.
+    pub const ALL: [Self; 2] = [Self::StandardError, Self::Samples];
+
+    /// As the API and the command line have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::StandardError => "standard_error",
+            Self::Samples => "samples",
+        }
+    }
+
+    /// The one of that name.
+    ///
+    /// # Errors
+    /// The names there are.
+    pub fn from_name(name: &str) -> Result<Self, String> {
+        let known = Self::ALL.into_iter().find(|aov| aov.name() == name);
+        known.ok_or_else(|| format!("there is no `{name}`: ask for {}", Self::ALL.map(Self::name).join(" or ")))
+    }
+}
+
+/// What is kept of a film for its AOVs.
+#[derive(Debug, Clone)]
+pub struct Aovs {
+    tiles: Tiles,
+    /// By pixel; none if there were too few replicates.
+    standard_error: Option<Vec<[f32; 3]>>,
+    /// Samples by tile.
+    samples: Vec<u32>,
+}
+
+impl Film {
+    /// What its AOVs are made from.
+    pub fn aovs(&self) -> Aovs {
+        let deviation = |x, y| {
+            let (tile, lane) = self.tiles.place(x, y);
+            self.pixel_moments(tile, lane).1.map(|variance| variance.sqrt() as f32)
+        };
+        let row = |y| (0..self.width()).map(move |x| deviation(x, y));
+        let measured = || (0..self.height()).into_par_iter().flat_map_iter(row).collect();
+        Aovs {
+            tiles: self.tiles,
+            standard_error: (self.used_replicates() >= 2).then(measured),
+            samples: (0..self.tiles.count()).map(|tile| self.tile_samples(tile)).collect(),
+        }
+    }
+}
+
+impl Aovs {
+    /// One as a picture with full coverage; none: a standard error of a film with fewer than two samples per pixel.
+    pub fn picture(&self, aov: Aov) -> Option<Picture> {
+        let (width, height) = (self.tiles.width(), self.tiles.height());
+        let opaque = |[r, g, b]: [f32; 3]| [r, g, b, 1.0];
+        let pixels = match aov {
+            Aov::StandardError => self.standard_error.as_ref()?.iter().copied().map(opaque).collect(),
+            Aov::Samples => {
+                let samples = |x, y| self.samples[self.tiles.place(x, y).0 as usize] as f32;
+                (0..height).flat_map(|y| (0..width).map(move |x| opaque([samples(x, y); 3]))).collect()
+            }
+        };
+        Some(Picture { width, height, pixels })
+    }
+
+    /// Memory that it takes.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.samples.as_slice()) + self.standard_error.as_deref().map_or(0, size_of_val)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::film::REPLICATES;
+
+    #[test]
+    fn the_standard_error_is_that_of_the_mean_of_the_replicates() {
+        let mut film = Film::new(17, 9);
+        film.fill([2; REPLICATES], |x, _, replicate, samples| {
+            let mean = x as f32 + [0.0, 1.0, 2.0, 5.0][replicate as usize];
+            [samples as f32 * mean, samples as f32, samples as f32 * 2.0 * mean, samples as f32]
+        });
+        let aovs = film.aovs();
+        // Squares about the mean 2: 4 + 1 + 0 + 9, over 3 degrees of freedom and 4 replicates.
+        let expected = (14.0f32 / 12.0).sqrt();
+        for pixel in aovs.picture(Aov::StandardError).unwrap().pixels {
+            assert!((pixel[0] - expected).abs() < 1e-6 && (pixel[2] - 2.0 * expected).abs() < 1e-6, "{pixel:?}");
+            assert_eq!((pixel[1], pixel[3]), (0.0, 1.0));
+        }
+        assert!(aovs.picture(Aov::Samples).unwrap().pixels.iter().all(|&pixel| pixel == [8.0, 8.0, 8.0, 1.0]));
+    }
+
+    #[test]
+    fn one_replicate_has_no_standard_error() {
+        let mut film = Film::new(3, 3);
+        film.fill([1, 0, 0, 0], |_, _, _, _| [1.0; 4]);
+        assert_eq!(film.aovs().picture(Aov::StandardError), None);
+        assert!(film.aovs().picture(Aov::Samples).is_some());
+    }
+
+    #[test]
+    fn names_are_read_back() {
+        assert!(Aov::ALL.into_iter().all(|aov| Aov::from_name(aov.name()) == Ok(aov)));
+        assert!(Aov::from_name("depth").unwrap_err().contains("standard_error or samples"));
+    }
+}
