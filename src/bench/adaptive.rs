@@ -1,16 +1,12 @@
 //! Adaptive sampling against uniform: time and samples until the stated error is the same.
 
-use super::skip::kernel::{compiled, demo_scene, imported, work};
-use crate::compile::{compile_scene, decode_hdri};
+use super::cases;
 use crate::params::EngineChoice;
 use crate::render::prepare::{Progress, render_to_end};
 use crate::render::{Engine, Engines, Work};
-use anyhow::{Context, Result};
-use serde::Deserialize;
-use serde_json::{Value, json};
+use anyhow::Result;
 use std::io::Write;
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Duration;
 
 /// Least growth of the samples between two looks at the error.
@@ -23,11 +19,7 @@ const GROWTH: f64 = 1.05;
 /// No adapter, a device fault, or a case that cannot be read.
 pub fn run(choice: EngineChoice, rounds: u32, samples: u32, peers: Option<&Path>, out: &mut dyn Write) -> Result<()> {
     let mut engine = Engines::new();
-    let mut cases = demos(samples)?;
-    match peers {
-        Some(folder) => cases.extend(peer_cases(folder, samples)?),
-        None => eprintln!("SKIPPED: the peers' cases; give their folder as --peers"),
-    }
+    let mut cases = cases::all(256, samples, peers)?;
     for (_, work) in &mut cases {
         work.settings.engine = choice;
     }
@@ -43,88 +35,6 @@ pub fn run(choice: EngineChoice, rounds: u32, samples: u32, peers: Option<&Path>
         out.flush()?;
     }
     Ok(())
-}
-
-/// Scenes that Candela makes itself.
-fn demos(samples: u32) -> Result<Vec<(String, Work)>> {
-    let white = json!({"constant": [1, 1, 1]});
-    let afar = json!({"position": [0, 1, 14], "target": [0, 1, 0], "yfov_degrees": 36});
-    let cases = [
-        ("still-life", json!({})),
-        ("box", json!({})),
-        ("box from afar", json!({"camera": afar})),
-        ("detail", json!({})),
-        ("grid", json!({})),
-        ("bumpy-10k in white", json!({"environment": white})),
-        ("furnace", json!({})),
-        ("plane", json!({})),
-        ("emitters", json!({})),
-        ("instances", json!({})),
-    ];
-    let case = |(name, extra): (&str, Value)| {
-        let demo = name.split(' ').next().unwrap_or(name);
-        Ok((format!("demo {name}"), compiled(&demo_scene(demo)?, params(samples, extra))?))
-    };
-    cases.into_iter().map(case).collect()
-}
-
-fn params(samples: u32, extra: Value) -> Value {
-    let mut params = json!({"width": 256, "height": 256, "max_samples": samples});
-    if let (Some(params), Value::Object(extra)) = (params.as_object_mut(), extra) {
-        params.extend(extra);
-    }
-    params
-}
-
-/// What a peer's case says that we need.
-#[derive(Deserialize)]
-struct PeerCase {
-    scene: String,
-    camera: PeerCamera,
-    environment: PeerEnvironment,
-    max_depth: u32,
-}
-
-#[derive(Deserialize)]
-struct PeerCamera {
-    position: Value,
-    target: Value,
-    up: Value,
-    vfov_deg: f64,
-}
-
-#[derive(Deserialize)]
-struct PeerEnvironment {
-    hdr: Option<String>,
-    constant: Option<Value>,
-    #[serde(default)]
-    rotation_deg: f64,
-}
-
-fn peer_cases(folder: &Path, samples: u32) -> Result<Vec<(String, Work)>> {
-    ["cornell", "helmet", "grid"].map(|name| peer_case(&folder.join("cases"), name, samples)).into_iter().collect()
-}
-
-fn peer_case(folder: &Path, name: &str, samples: u32) -> Result<(String, Work)> {
-    let read = |file: &str| {
-        let path = folder.join(file);
-        std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))
-    };
-    let case: PeerCase = serde_json::from_slice(&read(&format!("{name}.json"))?)?;
-    let PeerCamera { position, target, up, vfov_deg } = case.camera;
-    let mut extra = json!({
-        "max_bounces": case.max_depth, "filter": {"kind": "box"},
-        "camera": {"position": position, "target": target, "up": up, "yfov_degrees": vfov_deg},
-    });
-    let PeerEnvironment { hdr, constant, rotation_deg } = case.environment;
-    extra["environment"] = match &hdr {
-        Some(file) => json!({"hdri": file, "rotation_degrees": rotation_deg}),
-        None => json!({"constant": constant}),
-    };
-    let hdri = hdr.map(|file| anyhow::Ok(Arc::new(decode_hdri(&read(&file)?)?))).transpose()?;
-    let scene = imported(read(&case.scene)?)?;
-    let compiled = compile_scene(&scene, None)?;
-    Ok((format!("peers' {name}"), work(&scene, compiled, params(samples, extra), hdri)?))
 }
 
 /// How far a render was.

@@ -3,8 +3,12 @@
 
 pub mod adaptive;
 pub mod agreement;
+mod cases;
+pub mod coverage;
+pub mod error;
 pub mod http;
 pub mod memory;
+mod plot;
 pub mod skip;
 pub mod trace;
 mod yardstick;

@@ -60,6 +60,36 @@ enum What {
         #[arg(long, value_name = "FOLDER")]
         peers: Option<PathBuf>,
     },
+    /// Whether stated errors are true: many renders against references of many samples.
+    Coverage {
+        /// Seeds of each scene at each sample count.
+        #[arg(long, default_value_t = 25, value_parser = clap::value_parser!(u32).range(1..))]
+        renders: u32,
+        /// Samples per pixel of a reference.
+        #[arg(long, default_value_t = 65536)]
+        reference: u32,
+        /// Which engine: auto, gpu or cpu.
+        #[arg(long, default_value = "auto", value_parser = engine)]
+        engine: EngineChoice,
+        /// Folder with `cases` that other renderers were given.
+        #[arg(long, value_name = "FOLDER")]
+        peers: Option<PathBuf>,
+    },
+    /// Run time against error, by engine and by ways of looking for light.
+    Error {
+        /// Samples per pixel to go to.
+        #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(32..))]
+        samples: u32,
+        /// Samples per pixel of a reference.
+        #[arg(long, default_value_t = 4096)]
+        reference: u32,
+        /// Folder with `cases` that other renderers were given.
+        #[arg(long, value_name = "FOLDER")]
+        peers: Option<PathBuf>,
+        /// Folder for error.csv and error.svg.
+        #[arg(long, default_value = ".", value_name = "FOLDER")]
+        folder: PathBuf,
+    },
     /// What it saves to leave out what a picture does not need, and that the picture stays the same.
     Skip(Rounds),
     /// The service over HTTP: cold and warm, more clients than places, a small job beside a long one.
@@ -105,6 +135,12 @@ fn measure(what: &What) -> Result<()> {
         }
         What::Adaptive { rounds, samples, engine, peers } => {
             bench::adaptive::run(*engine, *rounds, *samples, peers.as_deref(), &mut out)?;
+        }
+        What::Coverage { renders, reference, engine, peers } => {
+            bench::coverage::run(*engine, *renders, *reference, peers.as_deref(), &mut out)?;
+        }
+        What::Error { samples, reference, peers, folder } => {
+            bench::error::run(*samples, *reference, peers.as_deref(), folder, &mut out)?;
         }
         What::Skip(rounds) => bench::skip::run(&mut GpuEngine::new()?, rounds.rounds, &mut out)?,
         What::Http(rounds) => bench::http::run(rounds.rounds, &mut out)?,

@@ -4,7 +4,7 @@ use super::{Film, REPLICATES};
 use rayon::prelude::*;
 
 /// Side in pixels of the blocks whose mean radiance an error is relative to.
-const BLOCK: usize = 8;
+pub(super) const BLOCK: usize = 8;
 
 /// Part of the picture's typical radiance below which errors no longer count more for being in the dark.
 const DARK: f64 = 0.1;

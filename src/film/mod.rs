@@ -1,6 +1,7 @@
 //! From samples to a file: accumulation in replicates, the measured error, tone mapping, encoders.
 
 mod aov;
+mod distance;
 mod encode;
 mod error;
 mod rates;

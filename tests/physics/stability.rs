@@ -325,7 +325,6 @@ fn a_hundredth_of_a_lobe_is_missed() {
                 "camera":{"position":[0,0,4],"target":[0,0,0],"yfov_degrees":20}}"#,
         );
         params.max_samples = size.samples;
-        params.camera.as_mut().map(|camera| camera.yfov_degrees = Some(20.0));
         work(&scene, &params)
     };
     for metallic in [0.0, 1.0] {

@@ -1,0 +1,60 @@
+//! Plots of benchmarks.
+
+use super::error::{Curve, Point};
+use anyhow::{Result, anyhow};
+use plotters::prelude::*;
+use std::path::Path;
+
+/// Panels across.
+const COLUMNS: usize = 2;
+/// Pixels of a panel.
+const PANEL: (u32, u32) = (480, 320);
+
+/// Relative mean square error over seconds, both logarithmic, a panel per scene.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn error_over_time(path: &Path, panels: &[(String, Vec<Curve>)]) -> Result<()> {
+    let rows = panels.len().div_ceil(COLUMNS);
+    let root = SVGBackend::new(path, (PANEL.0 * COLUMNS as u32, PANEL.1 * rows as u32)).into_drawing_area();
+    root.fill(&WHITE).map_err(|error| anyhow!("{}: {error}", path.display()))?;
+    for (area, (scene, curves)) in root.split_evenly((rows, COLUMNS)).iter().zip(panels) {
+        panel(area, scene, curves).map_err(|error| anyhow!("{}: {error}", path.display()))?;
+    }
+    root.present().map_err(|error| anyhow!("{}: {error}", path.display()))
+}
+
+type Fault = DrawingAreaErrorKind<<SVGBackend<'static> as DrawingBackend>::ErrorType>;
+
+fn panel(
+    area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
+    scene: &str,
+    curves: &[Curve],
+) -> Result<(), Fault> {
+    let points: Vec<&Point> = curves.iter().flat_map(|curve| &curve.points).filter(|p| p.rel_mse > 0.0).collect();
+    let range = |value: fn(&Point) -> f64| {
+        let values = || points.iter().map(|point| value(point));
+        values().fold(f64::INFINITY, f64::min)..1.01 * values().fold(f64::MIN_POSITIVE, f64::max)
+    };
+    let mut chart = ChartBuilder::on(area)
+        .caption(scene, ("sans-serif", 16))
+        .margin(8)
+        .x_label_area_size(32)
+        .y_label_area_size(56)
+        .build_cartesian_2d(range(|point| point.seconds).log_scale(), range(|point| point.rel_mse).log_scale())?;
+    chart
+        .configure_mesh()
+        .x_desc("seconds")
+        .y_desc("relMSE")
+        .y_label_formatter(&|value| format!("{value:.0e}"))
+        .draw()?;
+    for (index, curve) in curves.iter().enumerate() {
+        let color = Palette99::pick(index).to_rgba();
+        let line = curve.points.iter().filter(|p| p.rel_mse > 0.0).map(|p| (p.seconds, p.rel_mse));
+        chart
+            .draw_series(LineSeries::new(line, color.stroke_width(2)))?
+            .label(curve.name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], color.stroke_width(2)));
+    }
+    chart.configure_series_labels().background_style(WHITE.mix(0.8)).label_font(("sans-serif", 11)).draw()
+}
