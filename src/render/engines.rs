@@ -2,6 +2,7 @@
 
 use super::cpu::CpuEngine;
 use super::gpu::{GpuEngine, has_hardware_adapter};
+use super::reach::without_unseen_environment;
 use super::{Engine, Render, RenderError, Work};
 use crate::film::Film;
 use crate::params::EngineChoice;
@@ -48,6 +49,7 @@ impl Engine for Engines {
             EngineChoice::Auto => self.automatic,
             given => given,
         };
+        let work = without_unseen_environment(&mut self.cpu, work)?;
         match choice {
             EngineChoice::Gpu => self.gpu()?.begin(work, film),
             EngineChoice::Cpu | EngineChoice::Auto => self.cpu.begin(work, film),

@@ -7,6 +7,7 @@ pub mod forecast;
 pub mod gpu;
 mod plan;
 pub mod prepare;
+pub mod reach;
 pub mod report;
 pub mod schedule;
 mod slice;

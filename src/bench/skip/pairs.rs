@@ -1,12 +1,14 @@
 //! Work outside the kernel's switches: a second level of the tree, tests of opaque texels, lights that light nothing,
-//! triangles of no area, and (not left out today) an environment that nothing sees.
+//! triangles of no area, an environment that nothing sees.
 
 use super::compare::Pair;
 use super::kernel::{compiled, demo_scene, imported, params, work};
 use crate::compile::{self, Triangle};
 use crate::demo::{self, Burden, Use, burdened, closed_room};
+use crate::render::cpu::CpuEngine;
+use crate::render::reach::without_unseen_environment;
 use crate::scene::{Node, Primitive, Scene};
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use glam::{DAffine3, DVec3};
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -96,13 +98,14 @@ fn slivers(extra: Value) -> Result<Pair> {
     })
 }
 
-/// The one row of something that is not left out: whether anything sees the sky is not asked.
+/// Light samples towards a sky that no path reaches.
 fn unseen_environment() -> Result<Pair> {
     let scene = imported(closed_room())?;
     let sky = demo::png(64, |u, v| [0.5 * u, 0.5 * v, 0.8, 1.0]);
     let sky = Arc::new(compile::decode_hdri(&sky)?);
-    let lean = compiled(&scene, params(json!({"environment": null})))?;
     let given = params(json!({"environment": {"hdri": "sky"}}));
     let full = work(&scene, compile::compile_scene(&scene, None)?, given, Some(sky))?;
-    Ok(Pair { what: "HDRI that nothing sees (**is not left out**)", scene: "closed room with a lamp", lean, full })
+    let lean = without_unseen_environment(&mut CpuEngine::new(), full.clone())?;
+    ensure!(lean.lighting.environment_probability == 0.0, "the closed room is not closed");
+    Ok(Pair { what: "light samples of an HDRI that nothing sees", scene: "closed room with a lamp", lean, full })
 }
