@@ -126,7 +126,7 @@ fn view(place: DAffine3) -> RenderParams {
 #[track_caller]
 fn assert_same(engine: EngineChoice, what: &str, works: [Work; 2]) {
     let size =
-        if long() { Size { side: 32, samples: 256, batches: 32 } } else { Size { side: 16, samples: 64, batches: 12 } };
+        if long() { Size { side: 32, samples: 256, batches: 32 } } else { Size { side: 16, samples: 64, batches: 8 } };
     let works = works.map(|mut work| {
         (work.view.width, work.view.height, work.settings.max_samples) = (size.side, size.side, size.samples);
         work.settings.engine = engine;
@@ -301,7 +301,7 @@ fn engines_agree_on_what_trips_others() {
         let size = if long() {
             Size { side: 48, samples: 256, batches: 32 }
         } else {
-            Size { side: 16, samples: 64, batches: 12 }
+            Size { side: 16, samples: 64, batches: 8 }
         };
         let works = [EngineChoice::Gpu, EngineChoice::Cpu].map(|engine| {
             let mut work = of(engine);
@@ -317,7 +317,7 @@ fn engines_agree_on_what_trips_others() {
 /// The comparison notices when one lobe loses a hundredth of its energy.
 #[test]
 fn a_hundredth_of_a_lobe_is_missed() {
-    let size = Size { side: 16, samples: 256, batches: 16 };
+    let size = Size { side: 16, samples: 512, batches: 8 };
     let base = |albedo: f32, metallic: f32| {
         let scene = scene(vec![(sphere(32), grey(albedo, 0.5, metallic), DAffine3::IDENTITY)]);
         let mut params = params(
@@ -334,10 +334,7 @@ fn a_hundredth_of_a_lobe_is_missed() {
         };
         let same = [engine(base(0.8, metallic), EngineChoice::Gpu), engine(base(0.8, metallic), EngineChoice::Cpu)];
         let less = [engine(base(0.8, metallic), EngineChoice::Gpu), engine(base(0.792, metallic), EngineChoice::Cpu)];
-        let (same, less) = (
-            compare(&mut engines(), same, size).expect("renders"),
-            compare(&mut engines(), less, size).expect("renders"),
-        );
+        let [same, less] = [same, less].map(|works| compare(&mut engines(), works, size).expect("renders"));
         eprintln!("metallic {metallic}: same {same:.3?}; one hundredth less {less:.3?}");
         assert!(same.agrees(), "{same:?}");
         assert!(less.passed < 0.9975, "{less:?}");
