@@ -1,6 +1,6 @@
 //! Camera rays through a place in the pixel that is drawn from its filter.
 
-use super::bvh::Ray;
+use super::bvh::{Ray, TriangleId};
 use super::sampler::{Dimension, Sampler};
 use super::sampling::concentric_disk;
 use crate::compile::{Lens, View};
@@ -54,7 +54,12 @@ impl Camera {
             }
         };
         let direction = self.to_world.transform_vector3(direction).normalize();
-        Ray { origin: self.to_world.transform_point3(origin), direction, t_max: f64::INFINITY }
+        Ray {
+            origin: self.to_world.transform_point3(origin),
+            direction,
+            t_max: f64::INFINITY,
+            ends: [TriangleId::NONE; 2],
+        }
     }
 
     fn offset(&self, u: f64) -> f64 {

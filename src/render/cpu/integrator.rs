@@ -1,6 +1,6 @@
 //! Light along one path: from the camera, with a sample of a light at each vertex, both ways of finding a light weighted.
 
-use super::bvh::{Bvh, Hit, Ray};
+use super::bvh::{Bvh, Hit, Ray, TriangleId};
 use super::camera::Camera;
 use super::environment;
 use super::light::{self, LightSample, LightSampler};
@@ -86,6 +86,7 @@ impl Integrator {
                 return Some((hit, surface));
             }
             path.ray.origin = surface.leave(path.ray.direction);
+            path.ray.ends[0] = surface.primitive;
         }
     }
 
@@ -147,7 +148,8 @@ impl Integrator {
             }
             path.throughput /= probability;
         }
-        path.ray = Ray { origin: vertex.surface.leave(direction), direction, t_max: f64::INFINITY };
+        let ends = [vertex.surface.primitive, TriangleId::NONE];
+        path.ray = Ray { origin: vertex.surface.leave(direction), direction, t_max: f64::INFINITY, ends };
         true
     }
 
@@ -192,7 +194,8 @@ impl Integrator {
         if contribution.max_element() <= 0.0 {
             return ambient;
         }
-        let ray = Ray { origin: light.origin, direction: light.direction, t_max: light.t_max };
+        let ends = [vertex.surface.primitive, light.end];
+        let ray = Ray { origin: light.origin, direction: light.direction, t_max: light.t_max, ends };
         let blocked = self.bvh.occluded(&ray, |hit| self.stops(hit, RayKind::Shadow, vertex.bounce, sampler));
         if blocked { ambient } else { ambient + contribution }
     }
@@ -247,6 +250,7 @@ impl Integrator {
             origin: vertex.surface.leave(sky.direction),
             direction: sky.direction,
             t_max: f64::INFINITY,
+            end: TriangleId::NONE,
             weight: environment::radiance(environment, sky.direction) / pdf,
             pdf: Some(pdf),
         }

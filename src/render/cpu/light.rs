@@ -1,5 +1,6 @@
 //! Lights that are sampled one at a time: punctual ones and emitting triangles.
 
+use super::bvh::TriangleId;
 use super::sampling::uniform_triangle;
 use super::surface::{Place, Surface, emitted_at, material};
 use crate::compile::{CompiledScene, LightPick, Lighting, Material, PunctualKind, PunctualLight};
@@ -16,6 +17,8 @@ pub struct LightSample {
     pub t_max: f64,
     /// Radiance over density; of a punctual light irradiance at normal incidence over probability.
     pub weight: DVec3,
+    /// What the shadow ray ends on.
+    pub end: TriangleId,
     /// Over solid angle; none: a punctual light, which no ray can hit.
     pub pdf: Option<f64>,
 }
@@ -64,7 +67,14 @@ pub fn from_punctual(light: &PunctualLight, surface: &Surface) -> LightSample {
     if light.kind == PunctualKind::Directional as u32 {
         let direction = -axis;
         let origin = surface.leave(direction);
-        return LightSample { origin, direction, t_max: f64::INFINITY, weight: intensity, pdf: None };
+        return LightSample {
+            origin,
+            direction,
+            t_max: f64::INFINITY,
+            weight: intensity,
+            end: TriangleId::NONE,
+            pdf: None,
+        };
     }
     let position = DVec3::from(light.position.map(f64::from));
     let origin = surface.leave(position - surface.position);
@@ -72,7 +82,14 @@ pub fn from_punctual(light: &PunctualLight, surface: &Surface) -> LightSample {
     let distance2 = direction.length_squared();
     let cosine = -axis.dot(direction) / distance2.sqrt();
     let part = window(distance2, f64::from(light.range)) * cone(light, cosine);
-    LightSample { origin, direction, t_max: 1.0, weight: intensity * part / distance2, pdf: None }
+    LightSample {
+        origin,
+        direction,
+        t_max: 1.0,
+        weight: intensity * part / distance2,
+        end: TriangleId::NONE,
+        pdf: None,
+    }
 }
 
 /// Light from a uniform place on an emitting triangle; `probability` is that of the triangle.
@@ -93,7 +110,8 @@ pub fn from_emitter(
     let shines = cosine > 0.0 || material(scene, triangle).flags & Material::DOUBLE_SIDED != 0;
     let pdf = emitter_pdf(pick, probability, direction.length_squared(), cosine);
     let weight = if shines && pdf > 0.0 { emitted_at(scene, pick.triangle, weights) / pdf } else { DVec3::ZERO };
-    LightSample { origin, direction, t_max: 1.0, weight, pdf: Some(pdf) }
+    let end = TriangleId { triangle: pick.triangle, instance: pick.index };
+    LightSample { origin, direction, t_max: 1.0, weight, end, pdf: Some(pdf) }
 }
 
 /// Density over solid angle of a place on an emitting triangle that is seen at this distance and angle; 0 from its edge.

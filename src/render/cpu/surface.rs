@@ -1,6 +1,6 @@
 //! From a hit to a point that can be shaded.
 
-use super::bvh::Hit;
+use super::bvh::{Hit, TriangleId};
 use super::material::Layers;
 use super::texture::{self, Encoding};
 use crate::compile::{CompiledScene, Instance, Material, NONE, TextureSlot, Triangle};
@@ -29,6 +29,8 @@ pub struct Surface<'a> {
     pub shading_normal: DVec3,
     /// The ray met the back of the triangle.
     pub back: bool,
+    /// The triangle.
+    pub primitive: TriangleId,
     /// Index into the emitters, if it is one.
     pub emitter: Option<usize>,
     /// Distance along the geometric normal that clears the errors of `position`.
@@ -55,6 +57,7 @@ impl<'a> Surface<'a> {
             geometric_normal: front,
             shading_normal: front,
             back,
+            primitive: TriangleId::from(hit),
             emitter: (triangle.light != NONE).then(|| (triangle.light + instance.light_base) as usize),
             clearance: place.clearance,
             uvs: uvs(scene, vertices, weights),

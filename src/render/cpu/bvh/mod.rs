@@ -14,6 +14,7 @@ mod tests;
 mod traverse;
 mod triangle;
 
+use crate::compile::NONE;
 use boxes::Node;
 use glam::{DAffine3, DVec3};
 pub use traverse::Unit;
@@ -28,6 +29,29 @@ pub struct Ray {
     pub direction: DVec3,
     /// Hits lie strictly between 0 and this multiple of the direction.
     pub t_max: f64,
+    /// What it begins and what it ends on. A flat triangle cannot be met again from itself, but the distance to a sliver has an error
+    /// of its length over its width, which no origin could be moved clear of.
+    pub ends: [TriangleId; 2],
+}
+
+/// A triangle of an instance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TriangleId {
+    /// Index into [`CompiledScene::triangles`](crate::compile::CompiledScene::triangles).
+    pub triangle: u32,
+    /// Index into [`CompiledScene::instances`](crate::compile::CompiledScene::instances).
+    pub instance: u32,
+}
+
+impl TriangleId {
+    /// No triangle.
+    pub const NONE: Self = Self { triangle: NONE, instance: NONE };
+}
+
+impl From<&Hit> for TriangleId {
+    fn from(hit: &Hit) -> Self {
+        Self { triangle: hit.triangle, instance: hit.instance }
+    }
 }
 
 /// Where a ray meets a triangle.

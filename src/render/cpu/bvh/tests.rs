@@ -4,11 +4,14 @@ use super::boxes::{self, Slabs};
 use super::simd::{Portable, Simd};
 use super::traverse::Unit;
 use super::triangle::{Block, Shear, intersect};
-use super::{Bvh, Hit, Ray};
+use super::{Bvh, Hit, Ray, TriangleId};
 use crate::compile::{Bounds, CompiledScene, Triangle, compile_scene};
 use crate::scene::{Mesh, Node, Primitive, Scene, SceneRoot};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
+
+/// Of rays that begin and end on no triangle.
+const ANYWHERE: [TriangleId; 2] = [TriangleId::NONE; 2];
 
 const FAR: DVec3 = DVec3::new(148_376.0, 1234.0, -223_423.0);
 
@@ -153,7 +156,7 @@ fn check_hits(scene: &CompiledScene, reach: f64, rays: usize) {
             direction[axis] *= f64::from(i & (1 << axis) == 0 || i % 16 < 8);
         }
         let t_max = if i % 4 == 0 { reach * random.unit() / direction.length() } else { f64::INFINITY };
-        let ray = Ray { origin, direction, t_max };
+        let ray = Ray { origin, direction, t_max, ends: ANYWHERE };
         if direction == DVec3::ZERO {
             continue;
         }
@@ -206,7 +209,7 @@ fn transparent_triangles_are_asked_about_and_passed() {
     let mut random = Random::new(9);
     for _ in 0..1000 {
         let origin = random.point() * 8.0;
-        let ray = Ray { origin, direction: random.point() * 4.0 - origin, t_max: f64::INFINITY };
+        let ray = Ray { origin, direction: random.point() * 4.0 - origin, t_max: f64::INFINITY, ends: ANYWHERE };
         let mut asked = Vec::new();
         let hit = tree.closest(&ray, |hit| {
             asked.push((hit.instance, hit.triangle));
@@ -231,7 +234,7 @@ fn check_rays_at_triangles(scene: &CompiledScene, rays: usize) {
         let (u, v) = (random.unit() * 0.5, random.unit() * 0.5);
         let target = a + (b - a) * u + (c - a) * v;
         let origin = random.point() * 6.0;
-        let ray = Ray { origin, direction: target - origin, t_max: f64::INFINITY };
+        let ray = Ray { origin, direction: target - origin, t_max: f64::INFINITY, ends: ANYWHERE };
         for tree in &trees {
             let hit = tree.closest(&ray, |_| true).expect("the ray is aimed at a triangle");
             assert!(hit.t < 1.0 + 1e-6, "{hit:?}");
@@ -265,7 +268,7 @@ fn check_leaks(scene: &CompiledScene, centres: [DVec3; 2], world: impl Fn(usize,
             let part = random.unit();
             let targets = [a, a.lerp(b, part), b.lerp(a, part), origin + random.point()];
             targets.into_iter().find_map(|target| {
-                let ray = Ray { origin, direction: target - origin, t_max: f64::INFINITY };
+                let ray = Ray { origin, direction: target - origin, t_max: f64::INFINITY, ends: ANYWHERE };
                 (tree.closest(&ray, |_| true).is_none() || !tree.occluded(&ray, |_| true)).then_some(ray)
             })
         });
@@ -363,7 +366,7 @@ fn rays_within_the_planes_of_box_faces_hit() {
                             origin[axis] += from;
                             let mut direction = DVec3::splat(if i > side { -drift } else { drift });
                             direction[axis] = -from.signum();
-                            let ray = Ray { origin, direction, t_max: f64::INFINITY };
+                            let ray = Ray { origin, direction, t_max: f64::INFINITY, ends: ANYWHERE };
                             let hit = tree.closest(&ray, |_| true);
                             let inner = (1..2 * side).contains(&i) && (1..2 * side).contains(&j);
                             // A drifting ray may rightly leave over the border.
@@ -392,7 +395,7 @@ fn a_stack_of_triangles_that_shrink_without_end_is_searched() {
 #[test]
 fn rays_that_are_no_rays_hit_nothing() {
     let scene = compiled(vec![sphere(8, 1.0)], &[(0, DAffine3::IDENTITY)]);
-    let good = Ray { origin: DVec3::ZERO, direction: DVec3::X, t_max: f64::INFINITY };
+    let good = Ray { origin: DVec3::ZERO, direction: DVec3::X, t_max: f64::INFINITY, ends: ANYWHERE };
     for tree in trees(&scene) {
         assert!(tree.occluded(&good, |_| true));
         let directions = [DVec3::ZERO, DVec3::NAN, DVec3::INFINITY, DVec3::new(1.0, f64::NAN, 0.0)];
@@ -415,7 +418,7 @@ fn rays_that_are_no_rays_hit_nothing() {
 fn an_empty_scene_is_hit_by_nothing() {
     let scene = compiled(vec![Primitive::default()], &[(0, DAffine3::IDENTITY)]);
     for tree in trees(&scene) {
-        let ray = Ray { origin: DVec3::ZERO, direction: DVec3::X, t_max: f64::INFINITY };
+        let ray = Ray { origin: DVec3::ZERO, direction: DVec3::X, t_max: f64::INFINITY, ends: ANYWHERE };
         assert_eq!(tree.closest(&ray, |_| true), None);
     }
 }

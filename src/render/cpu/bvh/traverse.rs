@@ -3,7 +3,7 @@
 use super::boxes::{Child, Node, Slabs};
 use super::simd::{Portable, Simd};
 use super::triangle::{Block, BlockHits, Shear, intersect};
-use super::{Bvh, Hit, Ray, Tree};
+use super::{Bvh, Hit, Ray, Tree, TriangleId};
 use crate::compile::Triangle;
 use glam::DVec3;
 use std::mem::MaybeUninit;
@@ -69,7 +69,7 @@ fn search_avx2<A: FnMut(&Hit) -> bool, const ANY: bool>(bvh: &Bvh, ray: &Ray, ac
 #[inline(always)]
 fn search_with<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool>(bvh: &Bvh, ray: &Ray, accept: A) -> Option<Hit> {
     let best = Hit { t: ray.t_max, u: 0.0, v: 0.0, triangle: 0, instance: 0 };
-    let mut search = Search::<A, ANY> { bvh, best, found: false, accept };
+    let mut search = Search::<A, ANY> { bvh, best, found: false, ends: ray.ends, accept };
     match &bvh.top {
         None => search.tree::<S>(&bvh.trees[0], 0, ray.origin, ray.direction),
         Some(top) => {
@@ -92,6 +92,7 @@ struct Search<'a, A, const ANY: bool> {
     bvh: &'a Bvh,
     best: Hit,
     found: bool,
+    ends: [TriangleId; 2],
     accept: A,
 }
 
@@ -138,7 +139,8 @@ impl<A: FnMut(&Hit) -> bool, const ANY: bool> Search<'_, A, ANY> {
     #[inline(always)]
     fn is_better(&self, hit: &Hit) -> bool {
         let tie = || (hit.instance, hit.triangle) < (self.best.instance, self.best.triangle);
-        hit.t > 0.0 && (hit.t < self.best.t || self.found && hit.t == self.best.t && tie())
+        let nearer = hit.t > 0.0 && (hit.t < self.best.t || self.found && hit.t == self.best.t && tie());
+        nearer && !self.ends.contains(&TriangleId::from(hit))
     }
 }
 
