@@ -2,17 +2,16 @@
 
 use super::cases;
 use crate::params::EngineChoice;
-use crate::render::prepare::{Progress, render_to_end};
-use crate::render::{Engine, Engines, Work};
+use crate::render::{Engine, Engines, Render, RenderError, Work};
 use anyhow::Result;
 use std::io::Write;
 use std::path::Path;
-use std::time::Duration;
+use std::time::Instant;
 
 /// Least growth of the samples between two looks at the error.
 const GROWTH: f64 = 1.05;
 
-/// Runs `rounds` seeds of each case, uniform and adaptive in turns, up to `samples` per pixel, and writes the table.
+/// Runs `rounds` seeds of each case, uniform and adaptive in turns slice by slice, up to `samples` per pixel, and writes the table.
 /// `choice`: the engine; `peers`: a folder with `cases` of other renderers' pictures, if there is one.
 ///
 /// # Errors
@@ -52,13 +51,21 @@ struct Pair {
 }
 
 impl Pair {
+    /// Renders both, slice by slice in turns: what else the machine does slows both down alike.
     fn trace(engine: &mut dyn Engine, work: &Work, seed: u32) -> Result<Self> {
-        let mut trace = |adaptive| {
+        let mut begin = |adaptive| {
             let mut work = work.clone();
             (work.settings.seed, work.settings.adaptive) = (seed, adaptive);
-            trace(engine, work)
+            Ok::<_, RenderError>(Way { render: engine.begin(work, None)?, seconds: 0.0, points: Vec::new() })
         };
-        Ok(Self { uniform: trace(false)?, adaptive: trace(true)? })
+        let (mut uniform, mut adaptive) = (begin(false)?, begin(true)?);
+        let mut under_way = [true; 2];
+        while under_way.contains(&true) {
+            for (way, under_way) in [&mut uniform, &mut adaptive].into_iter().zip(&mut under_way) {
+                *under_way = *under_way && way.step()?;
+            }
+        }
+        Ok(Self { uniform: uniform.points, adaptive: adaptive.points })
     }
 
     /// The error that both have reached.
@@ -68,24 +75,31 @@ impl Pair {
     }
 }
 
-fn trace(engine: &mut dyn Engine, work: Work) -> Result<Vec<Point>> {
-    let mut points: Vec<Point> = Vec::new();
-    let mut looking = Duration::ZERO;
-    let look = &mut |progress: Progress<'_>| {
-        let pixels = f64::from(progress.film.width()) * f64::from(progress.film.height());
-        let samples = progress.film.pixel_samples() as f64 / pixels;
-        if samples < GROWTH * points.last().map_or(1.0, |point| point.samples) {
-            return;
+/// A render under way.
+struct Way {
+    render: Box<dyn Render>,
+    /// Time of its slices.
+    seconds: f64,
+    points: Vec<Point>,
+}
+
+impl Way {
+    /// Takes a slice and looks at the error, if there is much that is new. False: it has ended.
+    fn step(&mut self) -> Result<bool, RenderError> {
+        let begun = Instant::now();
+        let ended = self.render.step()?.is_some();
+        self.seconds += begun.elapsed().as_secs_f64();
+        let film = self.render.film();
+        let pixels = f64::from(film.width()) * f64::from(film.height());
+        let samples = film.pixel_samples() as f64 / pixels;
+        let grown = samples >= GROWTH * self.points.last().map_or(1.0, |point| point.samples);
+        if (grown || ended)
+            && let Some(error) = film.error()
+        {
+            self.points.push(Point { error: error.relative_rms, seconds: self.seconds, samples });
         }
-        let begun = std::time::Instant::now();
-        if let Some(error) = progress.film.error() {
-            let seconds = (progress.elapsed - looking).as_secs_f64();
-            points.push(Point { error: error.relative_rms, seconds, samples });
-        }
-        looking += begun.elapsed();
-    };
-    render_to_end(engine, work, look)?;
-    Ok(points)
+        Ok(!ended)
+    }
 }
 
 /// Seconds and samples until the error was at most `error`, between looks by power laws.

@@ -22,6 +22,10 @@ pub const MOST: i32 = 3 * STEPS;
 /// neighbourhood is taken at its word.
 const PRIOR_PIXELS: f64 = 8.0;
 
+/// Times fewer samples that the rates must promise, or all tiles get the same: below that, counts that are not the best
+/// for Sobol points, and noisy tiles whose samples take longer than those of the sky, eat the gain up.
+const LEAST_GAIN: f64 = 1.1;
+
 /// Weights of a neighbourhood of regions, by distance in x and in y: their product counts.
 const WEIGHTS: [f64; 2] = [2.0, 1.0];
 
@@ -152,5 +156,49 @@ fn steps(wanted: &[f64], weights: &[f64]) -> Vec<i8> {
         let middle = (low * high).sqrt();
         if average(middle) >= 1.0 { low = middle } else { high = middle }
     }
-    wanted.iter().map(|&wanted| step(wanted, low) as i8).collect()
+    let rates: Vec<i8> = wanted.iter().map(|&wanted| step(wanted, low) as i8).collect();
+    if gain(wanted, weights, &rates) < LEAST_GAIN { vec![0; wanted.len()] } else { rates }
+}
+
+/// Squared error of even samples over that of samples by rates.
+fn gain(deviations: &[f64], weights: &[f64], rates: &[i8]) -> f64 {
+    let rate = |&step: &i8| (f64::from(step) / f64::from(STEPS)).exp2();
+    let squares = || deviations.iter().zip(weights).map(|(deviation, weight)| deviation * deviation * weight);
+    let uneven: f64 = squares().zip(rates.iter().map(rate)).map(|(square, rate)| square / rate).sum();
+    squares().sum::<f64>() / uneven
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mean_rate(rates: &[i8]) -> f64 {
+        rates.iter().map(|&step| (f64::from(step) / 4.0).exp2()).sum::<f64>() / rates.len() as f64
+    }
+
+    #[test]
+    fn rates_go_with_the_deviation_and_are_one_on_average() {
+        let wanted = [1.0, 1.0, 1.0, 2.0, 4.0, 8.0];
+        let rates = steps(&wanted, &[1.0; 6]);
+        assert_eq!([rates[3] - rates[2], rates[4] - rates[3], rates[5] - rates[4]], [4, 4, 4], "octaves");
+        assert!((mean_rate(&rates) - 1.0).abs() < 0.1, "{rates:?}");
+        let extreme = steps(&[1e-9, 1e-9, 1e-9, 1.0], &[1.0; 4]);
+        assert!(extreme.iter().all(|rate| rate.abs() <= MOST as i8), "{extreme:?}");
+    }
+
+    #[test]
+    fn little_to_gain_is_not_worth_it() {
+        assert_eq!(steps(&[1.0, 1.2, 0.9, 1.1], &[1.0; 4]), [0; 4]);
+        assert_eq!(steps(&[0.0; 3], &[1.0; 3]), [0; 3]);
+    }
+
+    #[test]
+    fn one_bright_pixel_is_not_taken_at_its_word() {
+        let quiet = Noise { pixels: 576.0, sum: 5.76, sum_of_squares: 0.0576 };
+        let firefly = Noise { pixels: 576.0, sum: 100.0, sum_of_squares: 1e4 };
+        let noisy = Noise { pixels: 576.0, sum: 100.0, sum_of_squares: 100.0 * 100.0 / 500.0 };
+        let around: Vec<Noise> = [quiet; 98].into_iter().chain([firefly, noisy]).collect();
+        let wanted = wanted(&around);
+        assert!(wanted[98] < 0.5 * wanted[99], "{} beside {}", wanted[98], wanted[99]);
+    }
 }

@@ -31,9 +31,9 @@ pub(crate) fn log_normal(random: &mut Random) -> f64 {
     (1.2 * random.normal() - 0.72).exp()
 }
 
-/// One in fifty samples has all the light.
+/// One in a thousand samples has all the light.
 pub(crate) fn spikes(random: &mut Random) -> f64 {
-    if random.uniform() < 0.02 { 50.0 } else { 0.0 }
+    if random.uniform() < 1e-3 { 1e3 } else { 0.0 }
 }
 
 /// A gradient with a black quarter and a small lamp.
