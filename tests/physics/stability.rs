@@ -265,7 +265,10 @@ fn obstacles() -> Vec<(&'static str, Work)> {
         ("grazing sun", of(&plain, r#"{"lights":[{"type":"directional","direction":[1,-0.0001,0],"intensity":3}]}"#)),
         ("sun in the plane", of(&plain, r#"{"lights":[{"type":"directional","direction":[1,0,0],"intensity":3}]}"#)),
         ("light inside a ball", of(&plain, r#"{"lights":[{"type":"point","position":[0.8,0.7,0.2],"intensity":30}]}"#)),
-        ("light a hair above the floor", of(&plain, r#"{"lights":[{"type":"point","position":[0,0.001,1],"intensity":0.01}]}"#)),
+        (
+            "light a hair above the floor",
+            of(&plain, r#"{"lights":[{"type":"point","position":[0,0.001,1],"intensity":0.01}]}"#),
+        ),
         (
             "a lighthouse beside a glow-worm",
             of(
