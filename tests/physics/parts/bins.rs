@@ -3,8 +3,8 @@
 use super::quadrature::Rectangle;
 use super::statistics::chi_square;
 
-/// Halvings: 512 leaves.
-const LEVELS: u32 = 9;
+/// Halvings: 256 leaves.
+const LEVELS: u32 = 8;
 
 /// Rectangles that tile a domain.
 pub struct Bins {

@@ -2,13 +2,14 @@
 
 use super::bins::test_density;
 use super::bsdf_formulas::{
-    HEMISPHERE, Material, albedo, coordinates, direction, reflected_density, tabulated_albedo, viewer,
+    HEMISPHERE, Material, albedo, coordinates, direction, lambert_below, tabulated_albedo, viewer,
 };
 use super::kernel::{Fault, Kernel, nothing, words};
 use super::lobes::{DEGREES, ROUGHNESS};
 use super::quadrature::{LEAST, integrate};
 use super::random::{Random, lattice};
 use super::verdict::{Verdict, smallest_found};
+use candela::render::cpu::material as f64_material;
 use glam::DVec3;
 
 /// Draws of each chi-square test.
@@ -19,10 +20,14 @@ const FURNACE: usize = 1 << 16;
 const PAIRS: usize = 1 << 14;
 /// Base colour of all cases but the furnaces, which are white.
 const COLOR: f64 = 0.7;
+/// Perceptual roughness of the furnaces; the first is a mirror.
+const FURNACE_ROUGHNESS: [f64; 9] = [0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0];
 const METALLIC: [f64; 3] = [0.0, 0.5, 1.0];
 
 /// An implementation, asked from one viewer at a time.
 trait Bsdf {
+    /// For the verdict.
+    fn engine(&self) -> &'static str;
     /// Direction and density for (u, choice); none: the sample is not valid.
     fn sample(&self, material: &Material, wo: DVec3, u: &[[f64; 3]]) -> Vec<Option<(DVec3, f64)>>;
     /// Weight of the same samples, 0 if not valid.
@@ -61,6 +66,10 @@ impl Shader {
 }
 
 impl Bsdf for Shader {
+    fn engine(&self) -> &'static str {
+        "shader"
+    }
+
     fn sample(&self, m: &Material, wo: DVec3, u: &[[f64; 3]]) -> Vec<Option<(DVec3, f64)>> {
         let results = Self::from_one_viewer(&self.sample, m, wo, u);
         results.into_iter().map(|[x, y, z, pdf]| (pdf > 0.0).then_some((DVec3::new(x, y, z), pdf))).collect()
@@ -79,8 +88,43 @@ impl Bsdf for Shader {
     }
 }
 
+struct F64;
+
+impl F64 {
+    fn bsdf(m: &Material, wo: DVec3) -> f64_material::Bsdf {
+        let layers =
+            f64_material::Layers { color: DVec3::splat(m.color), metallic: m.metallic, roughness: m.roughness };
+        let model = f64_material::Model { specular: true, multiple_scattering: m.multiple_scattering };
+        f64_material::Bsdf::new(layers, model, wo)
+    }
+}
+
+impl Bsdf for F64 {
+    fn engine(&self) -> &'static str {
+        "f64"
+    }
+
+    fn sample(&self, m: &Material, wo: DVec3, u: &[[f64; 3]]) -> Vec<Option<(DVec3, f64)>> {
+        let bsdf = Self::bsdf(m, wo);
+        u.iter().map(|u| bsdf.sample(u[2], [u[0], u[1]]).and_then(|s| Some((s.wi, s.pdf?)))).collect()
+    }
+
+    fn weights(&self, m: &Material, wo: DVec3, u: &[[f64; 3]]) -> Vec<f64> {
+        let bsdf = Self::bsdf(m, wo);
+        u.iter().map(|u| bsdf.sample(u[2], [u[0], u[1]]).map_or(0.0, |s| s.weight.x)).collect()
+    }
+
+    fn values(&self, m: &Material, pairs: &[[DVec3; 2]]) -> Vec<[f64; 2]> {
+        let value = |[wo, wi]: &[DVec3; 2]| {
+            let (value, pdf) = Self::bsdf(m, *wo).evaluate(*wi);
+            [value.x, pdf]
+        };
+        pairs.iter().map(value).collect()
+    }
+}
+
 fn judge(bsdf: &dyn Bsdf, roughnesses: &[f64], degrees: &[f64]) -> Verdict {
-    let mut verdict = Verdict::new("whole BSDF");
+    let mut verdict = Verdict::new("whole BSDF", bsdf.engine());
     for metallic in METALLIC {
         for &roughness in roughnesses {
             for multiple_scattering in [true, false] {
@@ -106,17 +150,14 @@ fn name(m: &Material) -> String {
 fn samples(bsdf: &dyn Bsdf, m: &Material, angle: f64, verdict: &mut Verdict) {
     let case = format!("{}, {angle} degrees", name(m));
     let wo = viewer(angle);
-    let share = m.specular_probability(wo.z);
-    let density = |depth: f64, azimuth: f64| {
-        let wi = direction(depth, azimuth);
-        share * reflected_density(m.roughness, wo, wi) + (1.0 - share) * wi.z.max(0.0) / std::f64::consts::PI
-    };
+    let of_direction = m.density(wo);
+    let density = |depth: f64, azimuth: f64| of_direction(direction(depth, azimuth));
     let seed = angle.to_bits() ^ m.roughness.to_bits().rotate_left(7) ^ m.metallic.to_bits().rotate_left(23);
     let draws = bsdf.sample(m, wo, &Random(seed).points(DRAWS));
     let points: Vec<_> = draws.iter().map(|draw| draw.and_then(|(w, _)| coordinates(w))).collect();
     let p = test_density(&points, HEMISPHERE, |leaf| integrate(&density, *leaf, 1e-4, LEAST));
     verdict.probability(case.clone(), p);
-    let off = draws.iter().flatten().map(|(w, got)| difference(*got, m.density(wo, w.normalize())));
+    let off = draws.iter().flatten().map(|(w, got)| difference(*got, of_direction(w.normalize())));
     verdict.deviation(format!("{case}, density"), off.fold(0.0, f64::max), tolerance(m.roughness));
 }
 
@@ -136,7 +177,7 @@ fn values(bsdf: &dyn Bsdf, m: &Material, verdict: &mut Verdict) {
     let (mut value, mut density) = (0.0f64, 0.0f64);
     for ([wo, wi], got) in pairs.iter().zip(bsdf.values(m, &pairs)) {
         value = value.max(difference(got[0], m.value(*wo, *wi)));
-        density = density.max(difference(got[1], m.density(*wo, *wi)));
+        density = density.max(difference(got[1], m.density(*wo)(*wi)));
     }
     verdict.deviation(format!("{}, value", name(m)), value, tolerance(m.roughness));
     verdict.deviation(format!("{}, density", name(m)), density, tolerance(m.roughness));
@@ -176,20 +217,18 @@ fn pairs(seed: u64) -> Vec<[DVec3; 2]> {
 /// White furnace: weights of samples average to 1. Without energy compensation: to the albedo by quadrature.
 fn furnace(bsdf: &dyn Bsdf, roughnesses: &[f64]) -> Verdict {
     const DEGREES: [f64; 8] = [0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 85.0, 89.0];
-    let mut verdict = Verdict::new("white furnace");
+    let mut verdict = Verdict::new("white furnace", bsdf.engine());
     let u = lattice(FURNACE);
     for &roughness in roughnesses {
-        for metallic in METALLIC {
-            for angle in DEGREES {
+        for angle in DEGREES {
+            let wo = viewer(angle);
+            let facets = if roughness == 0.0 { [1.0, (1.0 - wo.z).powi(5)] } else { albedo(roughness, wo.z) };
+            let base = lambert_below(wo.z);
+            for metallic in METALLIC {
                 for multiple_scattering in [true, false] {
                     let m = Material { color: 1.0, metallic, roughness, multiple_scattering };
-                    let wo = viewer(angle);
                     let mean = bsdf.weights(&m, wo, &u).iter().sum::<f64>() / FURNACE as f64;
-                    let expected = match (multiple_scattering, roughness) {
-                        (true, _) => 1.0,
-                        (false, 0.0) => mirror_albedo(&m, wo.z),
-                        _ => m.single_scattering_albedo(wo.z),
-                    };
+                    let expected = if multiple_scattering { 1.0 } else { m.single_scattering_albedo(facets, base) };
                     let off = (mean / expected - 1.0).abs();
                     verdict.deviation(format!("{}, {angle} degrees: {mean:.5} for {expected:.5}", name(&m)), off, 1e-3);
                 }
@@ -197,12 +236,6 @@ fn furnace(bsdf: &dyn Bsdf, roughnesses: &[f64]) -> Verdict {
         }
     }
     verdict
-}
-
-/// A perfect mirror's albedo is its Fresnel term; the base below it is not affected.
-fn mirror_albedo(m: &Material, cosine: f64) -> f64 {
-    let limit = Material { roughness: 0.02, ..*m };
-    limit.single_scattering_albedo(cosine)
 }
 
 /// What is broken to see whether the tests find it.
@@ -256,13 +289,23 @@ fn of_the_shader() {
 
 #[test]
 fn white_furnaces_of_the_shader() {
-    furnace(&Shader::new(None), &[0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0]).assert();
+    furnace(&Shader::new(None), &FURNACE_ROUGHNESS).assert();
+}
+
+#[test]
+fn of_the_f64_engine() {
+    judge(&F64, &ROUGHNESS, &DEGREES).assert();
+}
+
+#[test]
+fn white_furnaces_of_the_f64_engine() {
+    furnace(&F64, &FURNACE_ROUGHNESS).assert();
 }
 
 /// The renderer's table of albedos between its entries, against quadrature.
 #[test]
 fn albedo_table() {
-    let mut verdict = Verdict::new("albedo table");
+    let mut verdict = Verdict::new("albedo table", "both");
     for roughness in [0.04, 0.055, 0.1, 0.21, 0.37, 0.5, 0.71, 0.93, 1.0] {
         for angle in [0.0f64, 14.0, 33.0, 48.0, 61.0, 74.0, 83.0, 88.0, 89.5] {
             let cosine = angle.to_radians().cos();
@@ -296,7 +339,7 @@ fn power() {
         let found = |size| !all(&Shader::new(Some((fault, size)))).is_empty();
         eprintln!("| whole BSDF | {name} | {:?} |", smallest_found(found));
         let by_samples = |size| {
-            let mut verdict = Verdict::new("whole BSDF");
+            let mut verdict = Verdict::new("whole BSDF", "shader");
             let material = Material { color: COLOR, metallic: 0.5, roughness: 0.3, multiple_scattering: true };
             samples(&Shader::new(Some((fault, size))), &material, 60.0, &mut verdict);
             verdict.failures().iter().any(|failure| failure.contains("p ="))

@@ -2,7 +2,7 @@
 //! in their terms rather than the shader's.
 
 use super::quadrature::{Rectangle, integrate};
-use candela::render::gpu::albedo_table;
+use candela::render::albedo::albedo_table;
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
 
@@ -45,13 +45,13 @@ fn schlick(f0: f64, cosine: f64) -> f64 {
 }
 
 /// Density of `wo` reflected by visible normals (Heitz 2018, eq. 3 and 17), for directions below the horizon as well.
-pub fn reflected_density(roughness: f64, wo: DVec3, wi: DVec3) -> f64 {
-    let h = (wo + wi).normalize();
-    if h.z <= 0.0 {
-        return 0.0;
+pub fn reflected_density(roughness: f64, wo: DVec3) -> impl Fn(DVec3) -> f64 {
+    let a = alpha(roughness);
+    let scale = 1.0 / (1.0 + lambda(a, wo.z)) / (4.0 * wo.z);
+    move |wi| {
+        let h = (wo + wi).normalize();
+        if h.z > 0.0 { scale * ggx(a, h) } else { 0.0 }
     }
-    let g1 = 1.0 / (1.0 + lambda(alpha(roughness), wo.z));
-    g1 * ggx(alpha(roughness), h) / (4.0 * wo.z)
 }
 
 /// Albedo of the single-scattering lobe with Fresnel term 1, and with `(1 - V.H)^5`, by quadrature over half vectors.
@@ -73,7 +73,7 @@ pub fn albedo(roughness: f64, cosine: f64) -> [f64; 2] {
             let g2 = 1.0 / (1.0 + lambda(a, wo.z) + lambda(a, cos_i));
             g2 * cos_h / (wo.z * z) * (1.0 - cos_h).powi(power)
         };
-        integrate(&integrand, Rectangle::UNIT, 1e-6, 1e-7)
+        integrate(&integrand, Rectangle::UNIT, 1e-5, 1e-6)
     })
 }
 
@@ -145,9 +145,10 @@ impl Material {
     }
 
     /// Density of the mix of lobes, of directions below the horizon as well.
-    pub fn density(&self, wo: DVec3, wi: DVec3) -> f64 {
+    pub fn density(&self, wo: DVec3) -> impl Fn(DVec3) -> f64 {
         let share = self.specular_probability(wo.z);
-        share * reflected_density(self.roughness, wo, wi) + (1.0 - share) * wi.z.max(0.0) / PI
+        let reflected = reflected_density(self.roughness, wo);
+        move |wi| share * reflected(wi) + (1.0 - share) * wi.z.max(0.0) / PI
     }
 
     /// f cos.
@@ -171,15 +172,15 @@ impl Material {
         (self.diffuse() * coupled + self.compensation() * lost) / PI
     }
 
-    /// Albedo without energy compensation, by quadrature: what a white furnace must show with it off.
-    pub fn single_scattering_albedo(&self, cos_o: f64) -> f64 {
-        let [e, b] = albedo(self.roughness, cos_o);
-        self.f0() * (e - b) + b + self.diffuse() * lambert_below(cos_o)
+    /// Albedo without energy compensation: what a white furnace must show with it off. Of the facet lobe's albedo and
+    /// of the base's, both by quadrature.
+    pub fn single_scattering_albedo(&self, [e, b]: [f64; 2], base: f64) -> f64 {
+        self.f0() * (e - b) + b + self.diffuse() * base
     }
 }
 
-/// Integral of `(1 - F(V.H)) cos / pi` over directions.
-fn lambert_below(cos_o: f64) -> f64 {
+/// Integral of `(1 - F(V.H)) cos / pi` over directions: the albedo of a white base under glTF's interface.
+pub fn lambert_below(cos_o: f64) -> f64 {
     let wo = DVec3::new((1.0 - cos_o * cos_o).sqrt(), 0.0, cos_o);
     let integrand = |u: f64, turn: f64| {
         let (z, phi) = (u.sqrt(), PI * turn);
@@ -187,7 +188,7 @@ fn lambert_below(cos_o: f64) -> f64 {
         let h = (wo + DVec3::new(r * phi.cos(), r * phi.sin(), z)).normalize();
         1.0 - schlick(DIELECTRIC, wo.dot(h))
     };
-    integrate(&integrand, Rectangle::UNIT, 1e-7, 1e-8)
+    integrate(&integrand, Rectangle::UNIT, 1e-5, 1e-6)
 }
 
 /// Directions of the upper hemisphere as (1 - cos, azimuth from 0 to 2 pi); `wo` lies at azimuth 0.

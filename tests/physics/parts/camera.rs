@@ -5,7 +5,11 @@ use super::kernel::{Fault, Kernel, nothing, words};
 use super::random::Random;
 use super::statistics::chi_square;
 use super::verdict::{Verdict, smallest_found};
+use candela::compile::Lens;
 use candela::params::FilterKind;
+use candela::render::cpu::camera::Camera as F64Camera;
+use candela::render::cpu::sampler::{Dimension, Sampler};
+use candela::render::cpu::sampling::concentric_disk;
 use std::f64::consts::{PI, TAU};
 
 /// Draws of each test.
@@ -36,10 +40,12 @@ fn blackman_harris(x: f64) -> f64 {
 
 /// An implementation.
 trait Camera {
+    /// For the verdict.
+    fn engine(&self) -> &'static str;
     /// Points of the unit disk.
     fn disk(&self, u: &[[f64; 3]]) -> Vec<[f64; 2]>;
-    /// Offsets in units of the radius.
-    fn filter(&self, kind: FilterKind, u: &[f64]) -> Vec<f64>;
+    /// Independent random numbers, and the offsets that they give in units of the radius.
+    fn filter(&self, kind: FilterKind) -> Vec<[f64; 2]>;
 }
 
 struct Shader {
@@ -59,21 +65,56 @@ impl Shader {
 }
 
 impl Camera for Shader {
+    fn engine(&self) -> &'static str {
+        "shader"
+    }
+
     fn disk(&self, u: &[[f64; 3]]) -> Vec<[f64; 2]> {
         let points: Vec<_> = u.iter().map(|u| words([u[0], u[1], 0.0, 0.0])).collect();
         self.disk.run(&[&points]).into_iter().map(|[x, y, ..]| [x, y]).collect()
     }
 
-    fn filter(&self, kind: FilterKind, u: &[f64]) -> Vec<f64> {
+    fn filter(&self, kind: FilterKind) -> Vec<[f64; 2]> {
+        let mut random = Random(kind as u64 + 40);
+        let u: Vec<f64> = (0..DRAWS).map(|_| random.unit()).collect();
         let points: Vec<_> = u.iter().map(|u| words([*u, *u, 0.0, 0.0])).collect();
         let kernel = self.filters.iter().find(|(k, _)| *k == kind).map(|(_, kernel)| kernel);
-        kernel.expect("every kind has one").run(&[&points]).into_iter().map(|[x, ..]| x).collect()
+        let offsets = kernel.expect("every kind has one").run(&[&points]);
+        u.into_iter().zip(offsets).map(|(u, [x, ..])| [u, x]).collect()
+    }
+}
+
+struct F64;
+
+impl Camera for F64 {
+    fn engine(&self) -> &'static str {
+        "f64"
+    }
+
+    fn disk(&self, u: &[[f64; 3]]) -> Vec<[f64; 2]> {
+        u.iter().map(|u| concentric_disk([u[0], u[1]]).to_array()).collect()
+    }
+
+    /// By parallel rays, whose origins show it; one sample each of many pixels' sequences.
+    fn filter(&self, kind: FilterKind) -> Vec<[f64; 2]> {
+        let mut view = nothing().view;
+        (view.width, view.height) = (1, 1);
+        view.to_world = glam::Affine3A::IDENTITY;
+        view.lens = Lens::Orthographic { ymag: 1.0 };
+        view.filter.kind = kind;
+        view.filter.radius = Some(1.0);
+        let camera = F64Camera::new(&view);
+        let draw = |pixel| {
+            let sampler = Sampler::new(pixel, 0, 0, kind as u32);
+            [sampler.pair(Dimension::Filter)[0], 0.5 * camera.ray(0, 0, &sampler).origin.x]
+        };
+        (0..DRAWS as u32).map(draw).collect()
     }
 }
 
 /// Squared radius and azimuth are uniform.
 fn lens(camera: &dyn Camera) -> Verdict {
-    let mut verdict = Verdict::new("lens");
+    let mut verdict = Verdict::new("lens", camera.engine());
     let points: Vec<_> = camera.disk(&Random(2).points(DRAWS));
     let unit = |[x, y]: &[f64; 2]| [x * x + y * y, y.atan2(*x).rem_euclid(TAU) / TAU];
     let mapped: Vec<_> = points.iter().map(unit).collect();
@@ -85,19 +126,16 @@ fn lens(camera: &dyn Camera) -> Verdict {
 
 /// The shape's distribution function makes offsets uniform.
 fn filters(camera: &dyn Camera) -> Verdict {
-    let mut verdict = Verdict::new("pixel filters");
+    let mut verdict = Verdict::new("pixel filters", camera.engine());
     for (kind, distribution) in FILTERS {
-        let mut random = Random(kind as u64 + 40);
-        let u: Vec<f64> = (0..DRAWS).map(|_| random.unit()).collect();
         let mut observed = vec![0.0; PARTS];
-        for x in camera.filter(kind, &u) {
+        let mut off = 0.0f64;
+        for [u, x] in camera.filter(kind) {
             observed[((distribution(x) * PARTS as f64) as usize).min(PARTS - 1)] += 1.0;
+            off = off.max((distribution(x) - u).abs());
         }
         let expected = vec![DRAWS as f64 / PARTS as f64; PARTS];
         verdict.probability(format!("{kind:?}"), chi_square(&observed, &expected));
-        let steps: Vec<f64> = (0..1 << 16).map(|i| f64::from(i) / f64::from(1 << 16)).collect();
-        let distances = camera.filter(kind, &steps);
-        let off = distances.iter().zip(&steps).map(|(x, u)| (distribution(*x) - u).abs()).fold(0.0, f64::max);
         verdict.deviation(format!("{kind:?}, distribution function"), off, 1e-3);
     }
     verdict
@@ -129,6 +167,12 @@ fn lens_of_the_shader() {
 #[test]
 fn filters_of_the_shader() {
     filters(&Shader::new(None)).assert();
+}
+
+#[test]
+fn of_the_f64_engine() {
+    lens(&F64).assert();
+    filters(&F64).assert();
 }
 
 #[test]

@@ -87,7 +87,7 @@ fn colors() -> impl Iterator<Item = Vec3> {
 }
 
 fn judge(implementation: impl Fn(ToneMapping, Vec3) -> Vec3, encode: impl Fn(f32) -> f32) -> Verdict {
-    let mut verdict = Verdict::new("colour");
+    let mut verdict = Verdict::new("colour", "both");
     for (curve, formula) in CURVES {
         let off = colors().map(|color| {
             let expected = formula(color.as_dvec3()).clamp(DVec3::ZERO, DVec3::ONE);
@@ -103,7 +103,7 @@ fn judge(implementation: impl Fn(ToneMapping, Vec3) -> Vec3, encode: impl Fn(f32
 
 /// Values that the publications print.
 fn published(encode: impl Fn(f32) -> f32) -> Verdict {
-    let mut verdict = Verdict::new("colour");
+    let mut verdict = Verdict::new("colour", "both");
     // IEC 61966-2-1: the knee, white, and the 8-bit code of middle grey, 118.
     for (linear, encoded) in [(0.0, 0.0), (0.003_130_8, 0.040_449_936), (1.0, 1.0)] {
         verdict.deviation(format!("sRGB of {linear}"), (f64::from(encode(linear)) - encoded).abs(), 1e-6);

@@ -6,7 +6,8 @@ use super::quadrature::Rectangle;
 use super::random::Random;
 use super::verdict::{Verdict, smallest_found};
 use crate::support::{params, scene, work_with_hdri};
-use candela::compile::Hdri;
+use candela::compile::{Environment, EnvironmentKind, Hdri};
+use candela::render::cpu::environment;
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -31,8 +32,7 @@ struct Shader {
 
 impl Shader {
     fn new(picture: &Picture, fault: Option<(Fault, f64)>) -> Self {
-        let texels = picture.texels.iter().map(|texel| [*texel; 3]).collect();
-        let hdri = Arc::new(Hdri::new(picture.width as u32, picture.height as u32, texels));
+        let hdri = Arc::new(picture.hdri());
         let params = params(&format!(r#"{{"environment":{{"hdri":"x","rotation_degrees":{ROTATION}}}}}"#));
         let work = work_with_hdri(&scene(vec![]), &params, Some(hdri));
         Self { sample: Kernel::new(&work, "sky_sample", fault), value: Kernel::new(&work, "sky_value", fault) }
@@ -51,6 +51,28 @@ impl Sky for Shader {
     }
 }
 
+struct F64(Environment, Arc<Hdri>);
+
+impl F64 {
+    fn new(picture: &Picture) -> Self {
+        let hdri = Arc::new(picture.hdri());
+        let kind = EnvironmentKind::Hdri(Arc::clone(&hdri));
+        Self(Environment { kind, rotation: ROTATION.to_radians() as f32, ..Environment::default() }, hdri)
+    }
+}
+
+impl Sky for F64 {
+    fn sample(&self, u: &[[f64; 3]]) -> Vec<(DVec3, f64)> {
+        let samples = u.iter().map(|u| environment::sample(&self.1, self.0.rotation, [u[0], u[1]]));
+        samples.map(|s| (s.direction, s.pdf)).collect()
+    }
+
+    fn value(&self, directions: &[DVec3]) -> Vec<[f64; 2]> {
+        let value = |d: &DVec3| [environment::radiance(&self.0, *d).x, environment::pdf(&self.1, self.0.rotation, *d)];
+        directions.iter().map(value).collect()
+    }
+}
+
 /// A grey equirectangular picture.
 struct Picture {
     name: &'static str,
@@ -63,6 +85,11 @@ impl Picture {
     fn new(name: &'static str, width: usize, height: usize, texel: impl Fn(usize, usize) -> f64) -> Self {
         let texels = (0..width * height).map(|k| texel(k % width, k / width) as f32).collect();
         Self { name, width, height, texels }
+    }
+
+    fn hdri(&self) -> Hdri {
+        let texels = self.texels.iter().map(|texel| [*texel; 3]).collect();
+        Hdri::new(self.width as u32, self.height as u32, texels)
     }
 
     fn texel(&self, i: usize, j: usize) -> f64 {
@@ -220,7 +247,7 @@ fn integral(picture: &Picture, sky: &dyn Sky, verdict: &mut Verdict) {
 }
 
 fn all(fault: Option<(Fault, f64)>, pictures: &[Picture]) -> Verdict {
-    let mut verdict = Verdict::new("environment");
+    let mut verdict = Verdict::new("environment", "shader");
     for picture in pictures {
         judge(picture, &Shader::new(picture, fault), &mut verdict);
     }
@@ -271,6 +298,15 @@ const FAULTS: [(&str, Fault, f64); 4] = [
 #[test]
 fn of_the_shader() {
     all(None, &pictures()).assert();
+}
+
+#[test]
+fn of_the_f64_engine() {
+    let mut verdict = Verdict::new("environment", "f64");
+    for picture in pictures() {
+        judge(&picture, &F64::new(&picture), &mut verdict);
+    }
+    verdict.assert();
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! Kernels of `shaders/proof/parts.wesl` on the device, as they are or with a fault written into them.
 
-use crate::support::{engine, params, scene, work};
+use crate::support::{params, scene, work};
 use candela::render::Work;
-use candela::render::gpu::Probe;
+use candela::render::gpu::{GpuEngine, Probe};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// The linked kernels.
 const SOURCE: &str = include_str!(concat!(env!("OUT_DIR"), "/parts.wgsl"));
@@ -30,7 +31,10 @@ impl Kernel {
     /// The kernel `entry` with what `work` uploads.
     pub fn new(work: &Work, entry: &str, fault: Option<(Fault, f64)>) -> Self {
         let source = fault.map_or_else(|| SOURCE.to_owned(), |(fault, size)| fault.write(size));
-        Self(engine().probe(work, &source, entry).expect("a kernel"))
+        static ENGINE: OnceLock<Mutex<GpuEngine>> = OnceLock::new();
+        let open = || Mutex::new(GpuEngine::new().expect("an adapter; script/test installs lavapipe"));
+        let mut engine = ENGINE.get_or_init(open).lock().unwrap_or_else(PoisonError::into_inner);
+        Self(engine.probe(work, &source, entry).expect("a kernel"))
     }
 
     /// Its results for lists of arguments.

@@ -5,8 +5,12 @@ use super::kernel::{Fault, Kernel, words};
 use super::random::{Random, lattice};
 use super::statistics::chi_square;
 use super::verdict::{Verdict, smallest_found};
-use crate::support::{params, scene, square, work};
+use crate::support::{grey, params, scene, square, work};
+use candela::compile::NONE;
 use candela::render::Work;
+use candela::render::cpu::bvh::Hit;
+use candela::render::cpu::light::{LightSampler, from_emitter};
+use candela::render::cpu::surface::Surface;
 use candela::scene::{Material, Node, Scene};
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use std::f64::consts::PI;
@@ -62,20 +66,54 @@ fn lamp(radiance: f32) -> Material {
     Material { emissive: Vec3::splat(radiance), ..Material::default() }
 }
 
-/// A lamp alone, and another drawn twice, once stretched and once mirrored.
+/// Over a floor a lamp alone, and another drawn twice, once stretched and once mirrored.
 fn lamps() -> Scene {
     let at = |x: f64, scale: DVec3| {
         let turn = DQuat::from_euler(glam::EulerRot::XYZ, 2.9, 0.3 * x, 0.4);
         DAffine3::from_scale_rotation_translation(scale, turn, DVec3::new(x, 2.0, 0.5))
     };
+    let below = DAffine3::from_translation(DVec3::new(0.0, -1.0, 0.0));
     let mut scene = scene(vec![
+        (square(30.0), grey(0.5, 1.0, 0.0), below),
         (square(0.8), lamp(3.0), at(-2.0, DVec3::ONE)),
         (square(0.5), lamp(40.0), at(0.3, DVec3::new(1.0, 2.0, 3.0))),
     ]);
     let mirrored = at(2.5, DVec3::new(-0.5, 1.0, 0.7));
     scene.scenes[0].nodes.push(scene.nodes.len());
-    scene.nodes.push(Node { mesh: Some(1), local: mirrored, ..Node::default() });
+    scene.nodes.push(Node { mesh: Some(2), local: mirrored, ..Node::default() });
     scene
+}
+
+struct F64(Work, LightSampler);
+
+impl F64 {
+    fn new(work: Work) -> Self {
+        let lights = LightSampler::new(&work.lighting);
+        Self(work, lights)
+    }
+}
+
+impl Lights for F64 {
+    fn pick(&self, u: &[[f64; 3]]) -> Vec<(usize, f64)> {
+        let picks = u.iter().map(|u| self.1.pick(u[0]));
+        picks.map(|pick| (pick, self.1.probability(&self.0.lighting, pick))).collect()
+    }
+
+    fn sample(&self, from: DVec3, pick: usize, u: &[[f64; 3]]) -> Vec<(DVec3, f64, f64)> {
+        let scene = &self.0.scene;
+        let (instance, triangle) = floor(&self.0);
+        let [b, c] = weights(corners_of(&self.0, instance, triangle), from);
+        let hit = Hit { t: 1.0, u: b, v: c, triangle: triangle as u32, instance: instance as u32 };
+        let surface = Surface::new(scene, &hit, DVec3::NEG_Y);
+        let entry = &self.0.lighting.picks[pick];
+        let probability = self.1.probability(&self.0.lighting, pick);
+        u.iter()
+            .map(|u| {
+                let light = from_emitter(scene, entry, probability, &surface, [u[0], u[1]]);
+                (light.direction, light.pdf.unwrap_or(0.0), light.weight.x)
+            })
+            .collect()
+    }
 }
 
 /// Many lamps, a few of them a million times as strong as the weakest, under five punctual lights.
@@ -119,10 +157,14 @@ fn picks(lights: &dyn Lights, work: &Work, fluxes: &[f64], verdict: &mut Verdict
 
 /// A triangle's points are uniform, and densities over solid angle follow.
 fn triangles(lights: &dyn Lights, work: &Work, verdict: &mut Verdict) {
-    let froms = [DVec3::ZERO, DVec3::new(-2.0, 1.4, 0.6), DVec3::new(30.0, -8.0, 2.0)];
+    let (instance, triangle) = floor(work);
+    let [a, b, c] = corners_of(work, instance, triangle);
+    // Of the floor's corners: near the lamps, beside them, far away.
+    let froms = [[0.02, 0.49, 0.49], [0.05, 0.46, 0.49], [0.2, 0.1, 0.7]];
     for pick in 0..work.lighting.picks.len() {
-        for from in froms.map(|from| from.as_vec3().as_dvec3()) {
-            let case = format!("triangle {pick} from {from}");
+        for [x, y, z] in froms {
+            let from = (a * x + b * y + c * z).as_vec3().as_dvec3();
+            let case = format!("triangle {pick} from {from:.1}");
             let corners = corners(work, pick);
             let draws = lights.sample(from, pick, &Random(pick as u64 + 1).points(POINTS));
             let points: Vec<_> = draws.iter().map(|(way, ..)| unit_square(corners, from + *way)).collect();
@@ -136,8 +178,20 @@ fn triangles(lights: &dyn Lights, work: &Work, verdict: &mut Verdict) {
 /// World positions of a triangle's vertices, relative to the scene's origin.
 fn corners(work: &Work, pick: usize) -> [DVec3; 3] {
     let pick = &work.lighting.picks[pick];
-    let instance = &work.scene.instances[pick.index as usize];
-    let triangle = &work.scene.triangles[pick.triangle as usize];
+    corners_of(work, pick.index as usize, pick.triangle as usize)
+}
+
+/// Instance and index of a triangle that does not shine; it is drawn once, so its instance is the world.
+fn floor(work: &Work) -> (usize, usize) {
+    let identity = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+    let world = work.scene.instances.iter().position(|instance| instance.to_world == identity);
+    let dark = work.scene.triangles.iter().position(|triangle| triangle.light == NONE);
+    (world.expect("what is drawn once"), dark.expect("a floor"))
+}
+
+fn corners_of(work: &Work, instance: usize, triangle: usize) -> [DVec3; 3] {
+    let instance = &work.scene.instances[instance];
+    let triangle = &work.scene.triangles[triangle];
     [triangle.v0, triangle.v1, triangle.v2].map(|v| {
         let v = Vec3::from_array(v).as_dvec3();
         let row = |k: usize| {
@@ -148,12 +202,17 @@ fn corners(work: &Work, pick: usize) -> [DVec3; 3] {
     })
 }
 
-/// A point of a triangle on the unit square, to which uniform points are mapped uniformly: the square of the distance
-/// from the first vertex, and the angle, in barycentrics.
-fn unit_square([a, b, c]: [DVec3; 3], point: DVec3) -> [f64; 2] {
+/// Weights of the second and the third corner at a point.
+fn weights([a, b, c]: [DVec3; 3], point: DVec3) -> [f64; 2] {
     let normal = (b - a).cross(c - a);
     let part = |p: DVec3, q: DVec3| (p - a).cross(q - a).dot(normal) / normal.length_squared();
-    let (u, v) = (part(point, c), part(b, point));
+    [part(point, c), part(b, point)]
+}
+
+/// A point of a triangle on the unit square, to which uniform points are mapped uniformly: the square of the distance
+/// from the first vertex, and the angle, in barycentrics.
+fn unit_square(corners: [DVec3; 3], point: DVec3) -> [f64; 2] {
+    let [u, v] = weights(corners, point);
     let sum = (u + v).clamp(0.0, 1.0);
     [sum * sum, (v / sum.max(1e-12)).clamp(0.0, 1.0)]
 }
@@ -192,14 +251,19 @@ fn solid_angle(lights: &dyn Lights, work: &Work, pick: usize, from: DVec3, case:
     verdict.deviation(format!("{case}, solid angle"), (got / exact - 1.0).abs(), 1e-3);
 }
 
-fn all(fault: Option<(Fault, f64)>) -> Verdict {
-    let mut verdict = Verdict::new("lights");
+fn all<L: Lights>(engine: &'static str, lights: impl Fn(&Work) -> L) -> Verdict {
+    let mut verdict = Verdict::new("lights", engine);
     let (work_of_many, fluxes) = many();
-    picks(&Shader::new(&work_of_many, fault), &work_of_many, &fluxes, &mut verdict);
+    picks(&lights(&work_of_many), &work_of_many, &fluxes, &mut verdict);
     let few = work(&lamps(), &params("{}"));
     assert!(few.scene.two_level, "a lamp is drawn twice");
-    triangles(&Shader::new(&few, fault), &few, &mut verdict);
+    triangles(&lights(&few), &few, &mut verdict);
     verdict
+}
+
+/// The shader's, with a fault in it.
+fn broken(fault: Option<(Fault, f64)>) -> Verdict {
+    all("shader", |work| Shader::new(work, fault))
 }
 
 /// What is broken to see whether the tests find it.
@@ -220,7 +284,7 @@ const FAULTS: [(&str, Fault, f64); 4] = [
     (
         "kept entries of the alias table",
         Fault { right: "u.y >= picks[i].keep)", wrong: |e| format!("u.y >= {} * picks[i].keep)", 1.0 - e) },
-        0.05,
+        0.5,
     ),
     (
         "first entry of the alias table",
@@ -234,13 +298,18 @@ const FAULTS: [(&str, Fault, f64); 4] = [
 
 #[test]
 fn of_the_shader() {
-    all(None).assert();
+    broken(None).assert();
+}
+
+#[test]
+fn of_the_f64_engine() {
+    all("f64", |work| F64::new(work.clone())).assert();
 }
 
 #[test]
 fn faults_are_found() {
     for (name, fault, size) in FAULTS {
-        assert!(!all(Some((fault, size))).failures().is_empty(), "{name}: a fault of {size} was not found");
+        assert!(!broken(Some((fault, size))).failures().is_empty(), "{name}: a fault of {size} was not found");
     }
 }
 
@@ -248,7 +317,7 @@ fn faults_are_found() {
 #[ignore = "prints the power of the tests"]
 fn power() {
     for (name, fault, _) in FAULTS {
-        let found = |size| !all(Some((fault, size))).failures().is_empty();
+        let found = |size| !broken(Some((fault, size))).failures().is_empty();
         eprintln!("| lights | {name} | {:?} |", smallest_found(found));
     }
 }
