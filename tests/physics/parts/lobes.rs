@@ -156,7 +156,7 @@ const FAULTS: [(&str, Fault, f64); 4] = [
             right: "return normalize(vec3f(alpha * h.xy, max(h.z, 0.0)));",
             wrong: |e| format!("return normalize(vec3f(alpha * {} * h.xy, max(h.z, 0.0)));", 1.0 + e),
         },
-        0.02,
+        0.05,
     ),
     (
         "density of visible normals",

@@ -228,10 +228,10 @@ const FAULTS: [(&str, Fault, f64); 4] = [
         0.01,
     ),
     (
-        "seed not hashed",
+        "replicates not told apart",
         Fault {
             right: "return Sampler(hash2(hash2(pixel, replicate), seed), reverseBits(sample));",
-            wrong: |_| "return Sampler(hash2(pixel, replicate) + seed, reverseBits(sample));".into(),
+            wrong: |_| "return Sampler(hash2(hash2(pixel, 0u), seed), reverseBits(sample));".into(),
         },
         1.0,
     ),

@@ -85,6 +85,6 @@ fn level() -> f64 {
 
 /// The smallest fault of a ladder that is found; none: not even the largest.
 pub fn smallest_found(found: impl Fn(f64) -> bool) -> Option<f64> {
-    const LADDER: [f64; 13] = [1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1];
+    const LADDER: [f64; 12] = [1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5];
     LADDER.into_iter().find(|size| found(*size))
 }
