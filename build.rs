@@ -8,6 +8,8 @@ use wesl::{ManglerKind, Wesl};
 fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     link_shader("package::pathtrace::pathtrace", "pathtrace");
+    // Kernels that tests alone run; no program embeds them.
+    link_shader("package::proof::parts", "parts");
     contract(&out);
     page(&out);
 }

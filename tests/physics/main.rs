@@ -6,5 +6,6 @@ mod support;
 mod closed_form;
 mod direct;
 mod invariance;
+mod parts;
 mod stability;
 mod third_party;

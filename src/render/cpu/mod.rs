@@ -5,15 +5,15 @@
 //! wrong by itself.
 
 pub mod bvh;
-mod camera;
-mod environment;
-mod integrator;
-mod light;
-mod material;
+pub mod camera;
+pub mod environment;
+pub mod integrator;
+pub mod light;
+pub mod material;
 mod render;
-mod sampler;
-mod sampling;
-mod surface;
+pub mod sampler;
+pub mod sampling;
+pub mod surface;
 mod texture;
 
 pub use render::CpuRender;

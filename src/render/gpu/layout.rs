@@ -6,7 +6,7 @@ use crate::render::{Settings, Work};
 use bytemuck::{Pod, Zeroable};
 
 /// Entries of [`Frame::filter_table`].
-pub const FILTER_STEPS: usize = 64;
+pub const FILTER_STEPS: usize = 1024;
 
 /// What stays the same for a whole render.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -121,7 +121,7 @@ impl Frame {
 
 /// Inverse of the filter's distribution function at equal steps of probability, as offsets in -1..=1.
 fn filter_table(kind: FilterKind) -> [f32; FILTER_STEPS] {
-    const CELLS: usize = 4096;
+    const CELLS: usize = 16384;
     let weight = |x: f64| match kind {
         FilterKind::Box => 1.0,
         FilterKind::Triangle => 1.0 - x.abs(),

@@ -3,14 +3,17 @@
 //! [`GpuEngine`] owns a device, the pipelines made on it (one per set of features) and what has been uploaded;
 //! [`GpuRender`] is one picture under way, cut into dispatches of about 40 ms.
 
+mod bindings;
 mod device;
 pub mod layout;
 mod pipeline;
+mod probe;
 mod render;
 mod resources;
 
 pub use device::{Gpu, has_hardware_adapter};
 pub use pipeline::PATHTRACE_WGSL;
+pub use probe::Probe;
 pub use render::GpuRender;
 
 use super::{DeviceInfo, Engine, Render, RenderError, Work};

@@ -1,5 +1,6 @@
 //! Pipelines: the linked shader, specialised by what a picture needs.
 
+use super::bindings;
 use super::device::Gpu;
 use crate::compile::Features;
 use crate::params::Mode;
@@ -27,6 +28,18 @@ struct Variant {
     stack: u32,
 }
 
+impl Variant {
+    fn of(gpu: &Gpu, work: &Work) -> Self {
+        Self {
+            features: work.features,
+            direct: work.settings.mode == Mode::Direct,
+            multiple_scattering: work.settings.multiple_scattering,
+            strategy: work.settings.strategy,
+            stack: stack_size(work.scene.depth, work.scene.two_level, gpu.info.hardware),
+        }
+    }
+}
+
 /// Pipelines made so far.
 pub struct Pipelines {
     /// The bindings of `shaders/lib/bindings.wesl`.
@@ -41,7 +54,7 @@ impl Pipelines {
     pub fn new(gpu: &Gpu) -> Self {
         let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("pathtrace"),
-            entries: &bindings(),
+            entries: &bindings::layout_entries(),
         });
         let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("pathtrace"),
@@ -53,28 +66,13 @@ impl Pipelines {
 
     /// The pipeline for a picture.
     pub fn get(&mut self, gpu: &Gpu, work: &Work) -> Arc<wgpu::ComputePipeline> {
-        let variant = Variant {
-            features: work.features,
-            direct: work.settings.mode == Mode::Direct,
-            multiple_scattering: work.settings.multiple_scattering,
-            strategy: work.settings.strategy,
-            stack: stack_size(work.scene.depth, work.scene.two_level, gpu.info.hardware),
-        };
+        let variant = Variant::of(gpu, work);
         if let Some(pipeline) = self.made.get(&variant) {
             return Arc::clone(pipeline);
         }
-        let module = self.modules.entry(variant.stack).or_insert_with(|| compile_module(gpu, variant.stack));
-        let pipeline = Arc::new(gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("pathtrace"),
-            layout: Some(&self.pipeline_layout),
-            module,
-            entry_point: Some("pathtrace"),
-            compilation_options: wgpu::PipelineCompilationOptions {
-                constants: &constants(variant),
-                zero_initialize_workgroup_memory: false,
-            },
-            cache: None,
-        }));
+        let compile = || compile_module(gpu, PATHTRACE_WGSL, variant.stack);
+        let module = self.modules.entry(variant.stack).or_insert_with(compile);
+        let pipeline = Arc::new(create_pipeline(gpu, &self.pipeline_layout, module, "pathtrace", &constants(variant)));
         self.made.insert(variant, Arc::clone(&pipeline));
         pipeline
     }
@@ -87,8 +85,45 @@ fn stack_size(depth: u32, two_level: bool, hardware: bool) -> u32 {
     if !hardware && needed <= REGISTERS { 1 } else { needed.next_multiple_of(8) }
 }
 
-fn compile_module(gpu: &Gpu, stack: u32) -> wgpu::ShaderModule {
-    let source = PATHTRACE_WGSL.replace(STACK_LINE, &format!("const STACK_SIZE: u32 = {stack}u;"));
+/// The pipeline of a test kernel, specialised as that of the work's picture.
+pub fn probe(
+    gpu: &Gpu,
+    work: &Work,
+    wgsl: &str,
+    entry: &str,
+    groups: [&wgpu::BindGroupLayout; 2],
+) -> wgpu::ComputePipeline {
+    let variant = Variant::of(gpu, work);
+    let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some("probe"),
+        bind_group_layouts: &groups.map(Some),
+        immediate_size: 0,
+    });
+    // A kernel declares what its functions ask for; to set others is an error.
+    let declared = |(name, _): &(&str, f64)| wgsl.contains(&format!("override {name}:"));
+    let constants: Vec<_> = constants(variant).into_iter().filter(declared).collect();
+    create_pipeline(gpu, &layout, &compile_module(gpu, wgsl, variant.stack), entry, &constants)
+}
+
+fn create_pipeline(
+    gpu: &Gpu,
+    layout: &wgpu::PipelineLayout,
+    module: &wgpu::ShaderModule,
+    entry: &str,
+    constants: &[(&str, f64)],
+) -> wgpu::ComputePipeline {
+    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(entry),
+        layout: Some(layout),
+        module,
+        entry_point: Some(entry),
+        compilation_options: wgpu::PipelineCompilationOptions { constants, zero_initialize_workgroup_memory: false },
+        cache: None,
+    })
+}
+
+fn compile_module(gpu: &Gpu, wgsl: &str, stack: u32) -> wgpu::ShaderModule {
+    let source = wgsl.replace(STACK_LINE, &format!("const STACK_SIZE: u32 = {stack}u;"));
     gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("pathtrace"),
         source: wgpu::ShaderSource::Wgsl(source.into()),
@@ -125,34 +160,6 @@ fn constants(variant: Variant) -> [(&'static str, f64); 24] {
         ("ROULETTE", flag(variant.strategy.roulette)),
         ("STACK_IN_REGISTERS", flag(variant.stack == 1)),
     ]
-}
-
-fn bindings() -> [wgpu::BindGroupLayoutEntry; 17] {
-    let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
-    let uniform = buffer(wgpu::BufferBindingType::Uniform);
-    let read = buffer(wgpu::BufferBindingType::Storage { read_only: true });
-    let write = buffer(wgpu::BufferBindingType::Storage { read_only: false });
-    let texture =
-        |sample_type, view_dimension| wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false };
-    let float = wgpu::TextureSampleType::Float { filterable: false };
-    let pages = texture(float, wgpu::TextureViewDimension::D2Array);
-    let table = texture(float, wgpu::TextureViewDimension::D2);
-    let list = texture(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2);
-    let film = wgpu::BindingType::StorageTexture {
-        access: wgpu::StorageTextureAccess::WriteOnly,
-        format: wgpu::TextureFormat::Rgba32Float,
-        view_dimension: wgpu::TextureViewDimension::D2,
-    };
-    let types = [
-        uniform, uniform, read, read, read, read, read, read, read, write, pages, pages, table, table, table, list,
-        film,
-    ];
-    let mut binding = 0;
-    types.map(|ty| {
-        let entry = wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };
-        binding += 1;
-        entry
-    })
 }
 
 #[cfg(test)]

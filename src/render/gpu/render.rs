@@ -1,5 +1,6 @@
 //! One picture under way: passes cut into dispatches, read back into the film.
 
+use super::bindings::Bindings;
 use super::device::Gpu;
 use super::layout::{Frame, Slice};
 use super::resources::{GpuEnvironment, GpuScene, Resources};
@@ -79,36 +80,19 @@ impl GpuRender {
         let lights = gpu.storage("lights", bytemuck::cast_slice(&work.lighting.lights), 64)?;
         let picks = gpu.storage("light table", bytemuck::cast_slice(&work.lighting.picks), 32)?;
         let [list_view, target_view] = [&list, &target].map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
-        let entries = [
-            frame.as_entire_binding(),
-            slice.as_entire_binding(),
-            scene.nodes.as_entire_binding(),
-            scene.triangles.as_entire_binding(),
-            scene.attributes.as_entire_binding(),
-            scene.instances.as_entire_binding(),
-            scene.materials.as_entire_binding(),
-            lights.as_entire_binding(),
-            picks.as_entire_binding(),
-            counters.as_entire_binding(),
-            wgpu::BindingResource::TextureView(&scene.color_pages),
-            wgpu::BindingResource::TextureView(&scene.data_pages),
-            wgpu::BindingResource::TextureView(&environment.texels),
-            wgpu::BindingResource::TextureView(&environment.cells),
-            wgpu::BindingResource::TextureView(&resources.albedo),
-            wgpu::BindingResource::TextureView(&list_view),
-            wgpu::BindingResource::TextureView(&target_view),
-        ];
-        let mut binding = 0;
-        let entries = entries.map(|resource| {
-            let entry = wgpu::BindGroupEntry { binding, resource };
-            binding += 1;
-            entry
-        });
-        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("pathtrace"),
-            layout,
-            entries: &entries,
-        });
+        let bindings = Bindings {
+            frame: &frame,
+            slice: &slice,
+            scene,
+            lights: &lights,
+            picks: &picks,
+            counters: &counters,
+            environment,
+            albedo: &resources.albedo,
+            work: &list_view,
+            film: &target_view,
+        };
+        let bindings = bindings.group(gpu, layout);
         Ok(Self {
             gpu: Arc::clone(gpu),
             pipeline,
@@ -240,16 +224,16 @@ impl Render for GpuRender {
     }
 }
 
-fn uniform(gpu: &Gpu, label: &str, contents: &[u8]) -> wgpu::Buffer {
+pub(super) fn uniform(gpu: &Gpu, label: &str, contents: &[u8]) -> wgpu::Buffer {
     let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
     gpu.device.create_buffer_init(&BufferInitDescriptor { label: Some(label), contents, usage })
 }
 
-fn buffer(gpu: &Gpu, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+pub(super) fn buffer(gpu: &Gpu, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     gpu.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
 }
 
-fn create_texture(
+pub(super) fn create_texture(
     gpu: &Gpu,
     label: &str,
     (width, height): (u32, u32),
