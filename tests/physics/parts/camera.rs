@@ -105,7 +105,7 @@ impl Camera for F64 {
         view.filter.radius = Some(1.0);
         let camera = F64Camera::new(&view);
         let draw = |pixel| {
-            let sampler = Sampler::new(pixel, 0, 0, kind as u32);
+            let sampler = Sampler::new(pixel, 0, 0, kind as u32, true);
             [sampler.pair(Dimension::Filter)[0], 0.5 * camera.ray(0, 0, &sampler).origin.x]
         };
         (0..DRAWS as u32).map(draw).collect()

@@ -75,7 +75,7 @@ struct F64;
 
 impl F64 {
     fn sampler(p: &Place) -> Sampler {
-        Sampler::new(p.pixel, p.sample, p.replicate, p.seed)
+        Sampler::new(p.pixel, p.sample, p.replicate, p.seed, true)
     }
 }
 
