@@ -10,14 +10,34 @@ use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
 
-/// Pixels a side.
-const SIDE: u32 = 64;
 /// Seeds of the two halves of a reference, which no other render has.
 const REFERENCE_SEEDS: [u32; 2] = [0x00c0_ffee, 0x00be_ef00];
 /// Most scattering events, for all ways alike: without Russian roulette nothing else may end a path.
 const BOUNCES: u32 = 12;
 /// Samples from which on the error's decay is measured.
 const SETTLED: f64 = 16.0;
+
+/// How much to render.
+#[derive(Debug, Clone, Copy)]
+pub struct Size {
+    /// Pixels a side.
+    pub side: u32,
+    /// Samples per pixel to go to.
+    pub samples: u32,
+    /// Samples per pixel of a reference.
+    pub reference: u32,
+}
+
+/// What to render.
+#[derive(Debug, Clone, Copy)]
+pub struct Choice<'a> {
+    /// A folder with a folder `cases`, if there is one.
+    pub peers: Option<&'a Path>,
+    /// Words, one of which a scene's name must have; none: all scenes.
+    pub scenes: &'a [String],
+    /// Names of ways; none: all of them.
+    pub ways: &'a [String],
+}
 
 /// How a picture may be made.
 struct Way {
@@ -61,20 +81,24 @@ pub struct Curve {
     pub points: Vec<Point>,
 }
 
-/// Renders each case in each way up to `samples` per pixel, slice by slice in turns; writes a table to `out`, every
+/// Renders each chosen case in each chosen way, slice by slice in turns; writes a table to `out`, every
 /// point to `error.csv` and a plot to `error.svg` in `folder`.
 ///
 /// # Errors
 /// No adapter, a device fault, a case that cannot be read, a file that cannot be written.
-pub fn run(samples: u32, reference: u32, peers: Option<&Path>, folder: &Path, out: &mut dyn Write) -> Result<()> {
+pub fn run(size: Size, choice: Choice<'_>, folder: &Path, out: &mut dyn Write) -> Result<()> {
+    let Size { side, samples, reference } = size;
+    let ways: Vec<&Way> =
+        WAYS.iter().filter(|way| choice.ways.is_empty() || choice.ways.iter().any(|name| name == way.name)).collect();
+    let wanted = |name: &str| choice.scenes.is_empty() || choice.scenes.iter().any(|word| name.contains(word.as_str()));
     let mut engines = Engines::new();
     let mut panels = Vec::new();
     writeln!(out, "| scene | way | relMSE at {samples} | slope | s to 1e-2 | s to 1e-3 |")?;
     writeln!(out, "|---|---|---|---|---|---|")?;
-    for (name, mut work) in cases::all(SIDE, samples, peers)? {
+    for (name, mut work) in cases::all(side, samples, choice.peers)?.into_iter().filter(|(name, _)| wanted(name)) {
         work.settings.max_bounces = Some(work.settings.max_bounces.unwrap_or(BOUNCES).min(BOUNCES));
         let truth = Truth::new(&mut engines, &work, reference)?;
-        let curves = trace(&mut engines, &work, &truth)?;
+        let curves = trace(&mut engines, &ways, &work, &truth)?;
         for curve in &curves {
             writeln!(out, "| {name} | {} | {} |", curve.name, row(&curve.points))?;
         }
@@ -114,9 +138,9 @@ struct UnderWay {
     ended: bool,
 }
 
-fn trace(engine: &mut dyn Engine, work: &Work, truth: &Truth) -> Result<Vec<Curve>> {
+fn trace(engine: &mut dyn Engine, ways: &[&Way], work: &Work, truth: &Truth) -> Result<Vec<Curve>> {
     let mut renders = Vec::new();
-    for way in &WAYS {
+    for way in ways {
         let mut work = work.clone();
         (way.set)(&mut work.settings);
         let curve = Curve { name: way.name, points: Vec::new() };

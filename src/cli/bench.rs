@@ -86,6 +86,15 @@ enum What {
         /// Folder with `cases` that other renderers were given.
         #[arg(long, value_name = "FOLDER")]
         peers: Option<PathBuf>,
+        /// Pixels a side.
+        #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(8..))]
+        side: u32,
+        /// Only scenes whose names have one of these words.
+        #[arg(long, value_delimiter = ',', value_name = "WORD")]
+        scenes: Vec<String>,
+        /// Only these ways, like `cpu` or `cpu, uniform`; may be repeated.
+        #[arg(long = "way", value_name = "NAME")]
+        ways: Vec<String>,
         /// Folder for error.csv and error.svg.
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
@@ -139,8 +148,10 @@ fn measure(what: &What) -> Result<()> {
         What::Coverage { renders, reference, engine, peers } => {
             bench::coverage::run(*engine, *renders, *reference, peers.as_deref(), &mut out)?;
         }
-        What::Error { samples, reference, peers, folder } => {
-            bench::error::run(*samples, *reference, peers.as_deref(), folder, &mut out)?;
+        What::Error { samples, reference, peers, side, scenes, ways, folder } => {
+            let size = bench::error::Size { side: *side, samples: *samples, reference: *reference };
+            let choice = bench::error::Choice { peers: peers.as_deref(), scenes, ways };
+            bench::error::run(size, choice, folder, &mut out)?;
         }
         What::Skip(rounds) => bench::skip::run(&mut GpuEngine::new()?, rounds.rounds, &mut out)?,
         What::Http(rounds) => bench::http::run(rounds.rounds, &mut out)?,
