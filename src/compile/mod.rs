@@ -42,7 +42,7 @@ pub use compiled::{
 };
 pub use features::{Features, features};
 pub use geometry::compile_scene;
-pub use hdri::{HdriError, decode_hdri};
+pub use hdri::{ENVIRONMENT_PIXELS, HdriError, decode_hdri};
 pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight,
 };
