@@ -46,7 +46,7 @@ pub use hdri::{ENVIRONMENT_PIXELS, HdriError, decode_hdri};
 pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight,
 };
-pub use lights::light;
+pub use lights::{light, shines};
 pub use walk::{Placed, camera_nodes, chosen_scene};
 
 use glam::Affine3A;

@@ -25,7 +25,7 @@ pub async fn render(State(app): State<App>, request: Request) -> Result<Response
     let begun = Instant::now();
     let headers = request.headers().clone();
     let query = request.uri().clone();
-    let mut upload = some_file(upload::read(&app, &KINDS, request).await?)?;
+    let mut upload = some_file(upload::read(&app, &KINDS, request).await?, &KINDS)?;
     let params = read_params(upload.params.as_deref(), &query)?;
     // A format that cannot be made is refused before the work, not after it.
     accept::picture_format(&headers, params.output.format)?;

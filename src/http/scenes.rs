@@ -47,17 +47,18 @@ impl Page {
 /// `POST /v1/scenes`
 pub async fn create(State(app): State<App>, request: Request) -> Result<Response, Problem> {
     let upload = upload::read(&app, &KINDS, request).await?;
-    let files = some_file(upload)?.files;
+    let files = some_file(upload, &KINDS)?.files;
     let (scene, new) = app.service.add_scene(files).await?;
     Ok(created(new, format!("/v1/scenes/{}", scene.id), scene.describe()))
 }
 
 /// An upload that has a file, or the fault that it has none.
-pub fn some_file(upload: Upload) -> Result<Upload, Problem> {
-    if upload.files.iter().any(|(_, bytes)| !bytes.is_empty()) {
+pub fn some_file(upload: Upload, kinds: &Kinds) -> Result<Upload, Problem> {
+    if !upload.files.is_empty() {
         return Ok(upload);
     }
-    let detail = "the request holds no scene: send the file as the part `scene` of the form, or as the body";
+    let field = kinds.file_field;
+    let detail = format!("the form holds no file: send the {field} as its part `{field}`, or as the body of the request");
     Err(Problem::new(Code::BadRequest, detail))
 }
 

@@ -40,7 +40,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 use table::Table;
-use tokio::sync::{Semaphore, SemaphorePermit, oneshot, watch};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot, watch};
 use worker::{Ready, Shared, Worker};
 
 /// Seconds after which a client that found the queue full should try again.
@@ -64,7 +64,7 @@ struct Core {
     /// Places for imports and compilations, which use all cores.
     desks: Semaphore,
     /// MiB of memory for uploads that are being imported.
-    import_memory: Semaphore,
+    import_memory: Arc<Semaphore>,
     draining: AtomicBool,
     closed: watch::Sender<bool>,
 }
@@ -101,7 +101,7 @@ impl Service {
                 table,
                 worker,
                 desks: Semaphore::new(desks),
-                import_memory: Semaphore::new(mebibytes(limits.import_memory_bytes) as usize),
+                import_memory: Arc::new(Semaphore::new(mebibytes(limits.import_memory_bytes) as usize)),
                 draining: AtomicBool::new(false),
                 closed: watch::Sender::new(false),
                 limits,
@@ -128,9 +128,11 @@ impl Service {
     pub async fn add_scene(&self, parts: Vec<(String, Vec<u8>)>) -> Result<(Arc<StoredScene>, bool), Problem> {
         let limits = self.core.limits.scene();
         let upload_bytes = parts.iter().map(|(_, bytes)| bytes.len() as u64).sum();
-        let _memory = self.import_memory(limits.import_memory(upload_bytes, Package::is_packed(&parts))).await;
+        let memory = self.import_memory(limits.import_memory(upload_bytes, Package::is_packed(&parts))).await;
         let service = self.clone();
         self.at_desk(move || {
+            // Held until the work has ended, whether or not anybody still waits for it.
+            let _memory = memory;
             let package = Package::from_parts(parts, &limits)?;
             let id = package.id();
             if let Some(present) = service.core.scenes.get(&id) {
@@ -145,9 +147,10 @@ impl Service {
     /// Decodes an environment picture, unless it is kept already. `pointer` names it in errors.
     pub async fn add_image(&self, bytes: Vec<u8>, pointer: &'static str) -> Result<(Arc<StoredImage>, bool), Problem> {
         let limit = self.core.limits.environment_pixels;
-        let _memory = self.import_memory(bytes.len() as u64 + limit.saturating_mul(HDRI_PIXEL_BYTES)).await;
+        let memory = self.import_memory(bytes.len() as u64 + limit.saturating_mul(HDRI_PIXEL_BYTES)).await;
         let service = self.clone();
         self.at_desk(move || {
+            let _memory = memory;
             let id = scenes::content_id(&bytes);
             if let Some(present) = service.core.images.get(&id) {
                 return Ok((present, false));
@@ -163,10 +166,10 @@ impl Service {
     }
 
     /// Waits until so much memory is free for an import; what is over the whole limit has to be alone.
-    async fn import_memory(&self, bytes: u64) -> Option<SemaphorePermit<'_>> {
+    async fn import_memory(&self, bytes: u64) -> Option<OwnedSemaphorePermit> {
         let whole = mebibytes(self.core.limits.import_memory_bytes);
         // The semaphore is never closed.
-        self.core.import_memory.acquire_many(mebibytes(bytes).min(whole)).await.ok()
+        Arc::clone(&self.core.import_memory).acquire_many_owned(mebibytes(bytes).min(whole)).await.ok()
     }
 
     /// Runs work that needs a core for long, when there is a place for it. Its panic becomes a problem.
