@@ -2,6 +2,7 @@
 
 use super::App;
 use crate::jobs::{Code, Problem};
+use crate::params::{self, JsonError};
 use axum::body::Bytes;
 use axum::extract::multipart::{Field, Multipart, MultipartError};
 use axum::extract::{FromRequest, Request};
@@ -64,7 +65,11 @@ pub async fn read_json(app: &App, request: Request) -> Result<serde_json::Value,
         return Err(unsupported(&kind, "send JSON with `Content-Type: application/json`"));
     }
     let bytes = in_time(app.service.limits().body_seconds, read_all(request)).await?;
-    serde_json::from_slice(&bytes).map_err(|error| Problem::new(Code::MalformedJson, error.to_string()))
+    let text = std::str::from_utf8(&bytes).map_err(|_| Problem::new(Code::MalformedJson, "the body is not UTF-8"))?;
+    params::json(text, "").map_err(|error| match error {
+        JsonError::Syntax(error) => Problem::new(Code::MalformedJson, format!("the body is not valid JSON: {error}")),
+        JsonError::Twice(fault) => Problem::fields(Code::InvalidParams, vec![fault]),
+    })
 }
 
 async fn in_time<T>(seconds: u64, reading: impl Future<Output = Result<T, Problem>>) -> Result<T, Problem> {

@@ -66,8 +66,7 @@ impl Limits {
 
     /// Most memory that reading an upload can take: its files, unpacked, and the vertices in them.
     pub fn import_memory(&self, upload_bytes: u64, is_zip: bool) -> u64 {
-        let unpacked =
-            if is_zip { upload_bytes.saturating_mul(DEFLATE_RATIO).min(self.bytes) } else { upload_bytes };
+        let unpacked = if is_zip { upload_bytes.saturating_mul(DEFLATE_RATIO).min(self.bytes) } else { upload_bytes };
         unpacked.saturating_add(self.decoded(unpacked))
     }
 }
