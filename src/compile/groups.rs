@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 /// Extents that are traced right. A triangle's normal needs the fourth power of its edges, which f32 holds from 1e-10 to
 /// 1e9; at the lower end a thousandth of the extent is left for the triangles of a fine mesh.
-const EXTENTS: std::ops::RangeInclusive<f64> = 1e-6..=1e9;
+const EXTENTS: std::ops::RangeInclusive<f32> = 1e-6..=1e9;
 /// Most triangles that are stored.
 const MAX_TRIANGLES: u64 = 1 << 27;
 /// Most instances.
@@ -120,7 +120,7 @@ impl<'a> Groups<'a> {
 
 /// Refuses what is too large or too small for f32; a point, which has no surface, passes.
 fn check_extent(what: &str, size: DVec3) -> Result<(), SceneError> {
-    let extent = size.max_element();
+    let extent = size.max_element() as f32;
     if extent <= 0.0 || EXTENTS.contains(&extent) {
         return Ok(());
     }

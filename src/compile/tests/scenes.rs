@@ -165,7 +165,7 @@ fn extents_beyond_the_arithmetic_are_refused() {
         let place = DAffine3::from_scale(DVec3::splat(1.0 / scale));
         let grown = triangle().positions.iter().map(|p| *p * scale as f32).collect();
         let grown = scene::Primitive { positions: grown, ..triangle() };
-        super::scene(vec![mesh(grown)], &[(0, place), (0, DAffine3::from_translation(DVec3::X) * place)])
+        scene(vec![mesh(grown)], &[(0, place), (0, DAffine3::from_translation(DVec3::X) * place)])
     };
     for scene in [scaled(1e8), scaled(1e-5), instanced(1e8), instanced(1e-5)] {
         assert!(!compile_scene(&scene, None).unwrap().bounds.is_empty());
