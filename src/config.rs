@@ -36,10 +36,14 @@ limits! {
     decompressed_bytes: u64 = 1 << 30, "CANDELA_DECOMPRESSED_BYTES";
     /// Unpacked bytes per packed byte of an archive.
     decompression_ratio: u64 = 200, "CANDELA_DECOMPRESSION_RATIO";
+    /// Bytes of host memory that uploads being imported may take together, at the most; further ones wait.
+    import_memory_bytes: u64 = 4 << 30, "CANDELA_IMPORT_MEMORY_BYTES";
     /// Triangles of a scene, counted once per mesh.
     triangles: usize = 20_000_000, "CANDELA_TRIANGLES";
-    /// Pixels of all images of a scene together, and of one environment picture.
+    /// Pixels of all images of a scene together.
     texture_pixels: u64 = 256 << 20, "CANDELA_TEXTURE_PIXELS";
+    /// Pixels of one environment picture, of which no side may be above 16384.
+    environment_pixels: u64 = crate::compile::ENVIRONMENT_PIXELS, "CANDELA_ENVIRONMENT_PIXELS";
     /// Nodes of a scene.
     nodes: usize = 200_000, "CANDELA_NODES";
     /// Longest chain of nodes from a root.

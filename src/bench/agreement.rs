@@ -200,7 +200,7 @@ fn hdri(params: &RenderParams) -> Result<Option<Arc<Hdri>>> {
     let crate::params::EnvironmentChoice::Given(environment) = &params.environment else { return Ok(None) };
     let Some(file) = &environment.hdri else { return Ok(None) };
     let bytes = std::fs::read(file).with_context(|| format!("environment {file}"))?;
-    Ok(Some(Arc::new(compile::decode_hdri(&bytes)?)))
+    Ok(Some(Arc::new(compile::decode_hdri(&bytes, compile::ENVIRONMENT_PIXELS)?)))
 }
 
 /// All glTF files among and below the paths, in order.

@@ -1,7 +1,7 @@
 //! Pictures that benchmarks of error render: scenes that Candela makes itself, and the cases that other renderers were given.
 
 use super::skip::kernel::{compiled, demo_scene, imported, work};
-use crate::compile::{compile_scene, decode_hdri};
+use crate::compile::{ENVIRONMENT_PIXELS, compile_scene, decode_hdri};
 use crate::render::Work;
 use anyhow::{Context, Result};
 use serde::Deserialize;
@@ -101,7 +101,7 @@ fn peer_case(folder: &Path, name: &str, side: u32, samples: u32) -> Result<(Stri
         Some(file) => json!({"hdri": file, "rotation_degrees": rotation_deg}),
         None => json!({"constant": constant}),
     };
-    let hdri = hdr.map(|file| anyhow::Ok(Arc::new(decode_hdri(&read(&file)?)?))).transpose()?;
+    let hdri = hdr.map(|file| anyhow::Ok(Arc::new(decode_hdri(&read(&file)?, ENVIRONMENT_PIXELS)?))).transpose()?;
     let scene = imported(read(&case.scene)?)?;
     let compiled = compile_scene(&scene, None)?;
     Ok((format!("peers' {name}"), work(&scene, compiled, params(side, samples, extra), hdri)?))

@@ -125,7 +125,9 @@ fn hdri(params: &RenderParams) -> Result<Option<Arc<Hdri>>, Failure> {
     let Some(file) = &environment.hdri else { return Ok(None) };
     let faulty = |fault: String| Failure::Request(format!("environment {file}: {fault}"));
     let bytes = std::fs::read(file).map_err(|error| faulty(error.to_string()))?;
-    compile::decode_hdri(&bytes).map(|hdri| Some(Arc::new(hdri))).map_err(|error| faulty(error.to_string()))
+    compile::decode_hdri(&bytes, compile::ENVIRONMENT_PIXELS)
+        .map(|hdri| Some(Arc::new(hdri)))
+        .map_err(|error| faulty(error.to_string()))
 }
 
 /// Traces and encodes.

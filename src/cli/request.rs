@@ -32,7 +32,13 @@ pub fn request(arguments: &RenderArgs) -> Result<Request, Failure> {
     if let Some(hdri) = &arguments.hdri {
         set_hdri(&mut params, hdri);
     }
+    let asked = asks_for_format(&json, arguments).then_some(params.output.format);
     let target = target(arguments, &mut params)?;
+    if let Some(asked) = asked.filter(|asked| *asked != params.output.format) {
+        let (asked, path) = (extension(asked), arguments.output.as_deref().unwrap_or(Path::new("")).display());
+        let detail = format!("--output {path} does not go with output.format, which asks for {asked}: leave one out");
+        return Err(Failure::Request(detail));
+    }
     params.validate(&limits()).map_err(|faults| faulty(&faults))?;
     Ok(Request { params, target })
 }
@@ -90,6 +96,19 @@ fn target(arguments: &RenderArgs, params: &mut RenderParams) -> Result<Target, F
     Ok(Target::File(path.clone()))
 }
 
+/// Whether the parameters themselves choose a format.
+fn asks_for_format(json: &str, arguments: &RenderArgs) -> bool {
+    let has = |json: &str, pointer: &str| {
+        serde_json::from_str(json).is_ok_and(|json: serde_json::Value| json.pointer(pointer).is_some())
+    };
+    let set = |pair: &String| match pair.split_once('=') {
+        Some(("output", json)) => has(json, "/format"),
+        Some((name, _)) => name == "output.format",
+        None => false,
+    };
+    has(json, "/output/format") || arguments.set.iter().any(set)
+}
+
 fn extension(format: ImageFormat) -> &'static str {
     match format {
         ImageFormat::Png => "png",
@@ -140,6 +159,12 @@ mod tests {
     }
 
     #[test]
+    fn other_fields_of_the_output_go_with_any_file() {
+        let request = parsed(&["a.glb", "--set", "output={\"transparent\": true}", "-o", "x.exr"]).unwrap();
+        assert_eq!((request.params.output.format, request.params.output.transparent), (ImageFormat::Exr, true));
+    }
+
+    #[test]
     fn what_is_wrong_is_said() {
         for (arguments, says) in [
             (["--set", "width"], "NAME=VALUE"),
@@ -148,6 +173,8 @@ mod tests {
             (["--params", "no such file"], "no such file"),
             (["--params", "{"], "not valid JSON"),
             (["--output", "x.gif"], ".png, .exr"),
+            (["-ox.png", "--set=output.format=exr"], "asks for exr"),
+            (["-ox.exr", "--set=output={\"format\": \"png\"}"], "asks for png"),
             (["--output", "no such folder/x.png"], "no such folder"),
         ] {
             let failure = parsed(&["a.glb", arguments[0], arguments[1]]).unwrap_err();

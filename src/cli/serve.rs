@@ -7,6 +7,7 @@ use crate::jobs::Service;
 use crate::render::Engines;
 use anyhow::Context;
 use std::io::IsTerminal;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tracing_subscriber::EnvFilter;
@@ -31,14 +32,24 @@ fn run_to_end(config: ServeConfig) -> anyhow::Result<()> {
 }
 
 async fn serve(config: ServeConfig) -> anyhow::Result<()> {
-    let listener =
-        TcpListener::bind(config.listen).await.with_context(|| format!("cannot listen on {}", config.listen))?;
+    let listener = TcpListener::bind(config.listen).await.with_context(|| {
+        format!("cannot listen on {} (--listen 127.0.0.1:8081 takes another port, port 0 any free one)", config.listen)
+    })?;
     let address = listener.local_addr()?;
     let service = Service::start(config.limits, Box::new(|| Ok(Box::new(Engines::new())))).await?;
-    tracing::info!("listening on http://{address}");
+    tracing::info!("Candela is ready: http://{}/", reachable(address));
     http::serve(listener, service, asked_to_stop()?, Duration::from_secs(config.drain_seconds)).await?;
     tracing::info!("stopped");
     Ok(())
+}
+
+/// An address at which this machine itself reaches the server.
+fn reachable(address: SocketAddr) -> SocketAddr {
+    match address.ip() {
+        ip if !ip.is_unspecified() => address,
+        IpAddr::V4(_) => SocketAddr::new(Ipv4Addr::LOCALHOST.into(), address.port()),
+        IpAddr::V6(_) => SocketAddr::new(Ipv6Addr::LOCALHOST.into(), address.port()),
+    }
 }
 
 /// Becomes ready at SIGTERM or SIGINT (elsewhere than on Unix: Ctrl-C).
@@ -55,4 +66,27 @@ fn asked_to_stop() -> std::io::Result<impl Future<Output = ()> + Send + 'static>
         let _ = tokio::signal::ctrl_c().await;
         tracing::info!("shutting down: finishing the jobs under way");
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Limits;
+
+    #[test]
+    fn a_port_that_is_taken_is_said_before_anything_else() {
+        let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let listen = other.local_addr().unwrap();
+        let error = run_to_end(ServeConfig { listen, drain_seconds: 0, limits: Limits::default() }).unwrap_err();
+        let message = format!("{error:#}");
+        assert!(message.contains(&listen.to_string()) && message.contains("--listen"), "{message}");
+    }
+
+    #[test]
+    fn the_address_shown_can_be_opened() {
+        let shown = |address: &str| reachable(address.parse().unwrap()).to_string();
+        assert_eq!(shown("0.0.0.0:80"), "127.0.0.1:80");
+        assert_eq!(shown("[::]:80"), "[::1]:80");
+        assert_eq!(shown("10.1.2.3:80"), "10.1.2.3:80");
+    }
 }

@@ -8,8 +8,9 @@ use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Largest extent of a scene: squares and areas of what is smaller stay far from the limits of f32.
-const MAX_EXTENT: f64 = 1e15;
+/// Extents that are traced right. A triangle's normal needs the fourth power of its edges, which f32 holds from 1e-10 to
+/// 1e9; at the lower end a thousandth of the extent is left for the triangles of a fine mesh.
+const EXTENTS: std::ops::RangeInclusive<f32> = 1e-6..=1e9;
 /// Most triangles that are stored.
 const MAX_TRIANGLES: u64 = 1 << 27;
 /// Most instances.
@@ -107,14 +108,26 @@ impl<'a> Groups<'a> {
         if !min.cmple(max).all() {
             return Ok(DVec3::ZERO);
         }
-        let extent = (max - min).max_element();
-        if extent > MAX_EXTENT {
-            let detail =
-                format!("the scene is {extent:e} units across; at most {MAX_EXTENT:e} are supported: scale it");
-            return Err(invalid("extent_too_large", "/scenes", &detail));
+        check_extent("the scene", max - min)?;
+        for group in &self.instanced {
+            // These are traced in their own space.
+            let (min, max) = around(&corner_points(group.mesh), &DAffine3::IDENTITY);
+            check_extent("a mesh that is drawn several times", max - min)?;
         }
         Ok((min + max) * 0.5)
     }
+}
+
+/// Refuses what is too large or too small for f32; a point, which has no surface, passes.
+fn check_extent(what: &str, size: DVec3) -> Result<(), SceneError> {
+    let extent = size.max_element() as f32;
+    if extent <= 0.0 || EXTENTS.contains(&extent) {
+        return Ok(());
+    }
+    let (least, most) = (EXTENTS.start(), EXTENTS.end());
+    let code = if extent > *most { "extent_too_large" } else { "extent_too_small" };
+    let detail = format!("{what} is {extent:e} units across; from {least:e} to {most:e} are supported: scale it");
+    Err(invalid(code, "/scenes", &detail))
 }
 
 fn is_invertible(world: &DAffine3) -> bool {

@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 use std::io::Cursor;
 
-/// Largest picture: 8192 x 4096 texels, and at most that wide and high in any shape.
-const MAX_TEXELS: u64 = 8192 * 4096;
+/// Pixels that are read where nobody sets another limit: 8192 x 4096.
+pub const ENVIRONMENT_PIXELS: u64 = 8192 * 4096;
 /// Largest side.
 const MAX_SIDE: u32 = 16384;
 /// Most bytes that decoding may take.
@@ -22,8 +22,18 @@ pub enum HdriError {
     #[error("the picture cannot be decoded: {0}; send Radiance .hdr, OpenEXR, PNG, JPEG or WebP")]
     Undecodable(String),
     /// Beyond the limits.
-    #[error("the picture is {0} x {1}; at most {MAX_TEXELS} texels (8192 x 4096) are read: shrink it")]
-    TooLarge(u32, u32),
+    #[error(
+        "the picture is {width} x {height}; at most {limit} pixels are read (limit environment_pixels), and {MAX_SIDE} a \
+         side: shrink it"
+    )]
+    TooLarge {
+        /// Pixels across.
+        width: u32,
+        /// Pixels down.
+        height: u32,
+        /// Most pixels.
+        limit: u64,
+    },
     /// No texels.
     #[error("the picture has no texels")]
     Empty,
@@ -40,7 +50,9 @@ pub enum HdriError {
 }
 
 /// Decodes Radiance .hdr or OpenEXR (linear), or pictures of 8 or 16 bits (sRGB).
-pub fn decode_hdri(bytes: &[u8]) -> Result<Hdri, HdriError> {
+///
+/// `limit`: most pixels, like [`ENVIRONMENT_PIXELS`].
+pub fn decode_hdri(bytes: &[u8], limit: u64) -> Result<Hdri, HdriError> {
     let undecodable = |error: &dyn std::fmt::Display| HdriError::Undecodable(error.to_string());
     let reader = || ImageReader::new(Cursor::new(bytes)).with_guessed_format();
     let (width, height) =
@@ -48,8 +60,8 @@ pub fn decode_hdri(bytes: &[u8]) -> Result<Hdri, HdriError> {
     if width == 0 || height == 0 {
         return Err(HdriError::Empty);
     }
-    if width.max(height) > MAX_SIDE || u64::from(width) * u64::from(height) > MAX_TEXELS {
-        return Err(HdriError::TooLarge(width, height));
+    if width.max(height) > MAX_SIDE || u64::from(width) * u64::from(height) > limit {
+        return Err(HdriError::TooLarge { width, height, limit });
     }
     let mut reader = reader().map_err(|error| undecodable(&error))?;
     let mut limits = Limits::default();

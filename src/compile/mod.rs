@@ -42,11 +42,11 @@ pub use compiled::{
 };
 pub use features::{Features, features};
 pub use geometry::compile_scene;
-pub use hdri::{HdriError, decode_hdri};
+pub use hdri::{ENVIRONMENT_PIXELS, HdriError, decode_hdri};
 pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight,
 };
-pub use lights::light;
+pub use lights::{light, shines};
 pub use walk::{Placed, camera_nodes, chosen_scene};
 
 use glam::Affine3A;

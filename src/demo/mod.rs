@@ -34,7 +34,11 @@ pub const DEMOS: [Demo; 11] = [
     Demo { name: "grid", description: "49 spheres: roughness across, metallic upwards", make: material_grid },
     Demo { name: "box", description: "an open box with coloured walls under a square lamp", make: light_box },
     Demo { name: "detail", description: "textures, normal map, alpha, emission, vertex colours", make: surface_detail },
-    Demo { name: "furnace", description: "a white metal sphere that vanishes in a white sky", make: white_furnace },
+    Demo {
+        name: "furnace",
+        description: "a white metal sphere; vanishes with --set 'environment={\"constant\":[1,1,1]}'",
+        make: white_furnace,
+    },
     Demo { name: "plane", description: "a plane one metre under a point light", make: plane_and_point_light },
     Demo { name: "bumpy-10k", description: "a bumpy sphere of 9,800 triangles", make: || bumpy_sphere(35) },
     Demo { name: "bumpy-160k", description: "the same of 159,048", make: || bumpy_sphere(141) },

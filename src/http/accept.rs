@@ -38,10 +38,17 @@ pub fn picture_format(headers: &HeaderMap, usual: ImageFormat) -> Result<ImageFo
 
 /// A media range, in lower case, and its quality.
 fn range(text: &str) -> Option<(String, f32)> {
+    let text = text.to_ascii_lowercase();
     let mut parts = text.split(';').map(str::trim);
-    let name = parts.next().filter(|name| name.contains('/'))?.to_ascii_lowercase();
-    let quality = parts.find_map(|part| part.strip_prefix("q=")).map_or(Some(1.0), |q| q.parse().ok())?;
+    let name = parts.next().filter(|name| name.contains('/'))?.to_owned();
+    let quality = parts.find_map(|part| value_of(part, "q")).map_or(Some(1.0), |q| q.parse().ok())?;
     Some((name, quality))
+}
+
+/// The value of `name = value`, the name in any case.
+fn value_of<'a>(text: &'a str, name: &str) -> Option<&'a str> {
+    let (key, value) = text.split_once('=')?;
+    key.trim().eq_ignore_ascii_case(name).then(|| value.trim())
 }
 
 /// Quality of a media type: that of the most exact range that covers it.
@@ -54,7 +61,7 @@ fn quality(ranges: &[(String, f32)], name: &str) -> f32 {
 pub fn wait(headers: &HeaderMap, longest: Duration) -> Option<Duration> {
     let lines = headers.get_all("prefer").iter().filter_map(|value| value.to_str().ok());
     let mut preferences = lines.flat_map(|line| line.split([',', ';'])).map(str::trim);
-    let seconds = preferences.find_map(|p| p.strip_prefix("wait=")?.trim_matches('"').parse().ok())?;
+    let seconds = preferences.find_map(|p| value_of(p, "wait")?.trim_matches('"').parse().ok())?;
     Some(Duration::from_secs(seconds).min(longest))
 }
 
@@ -75,7 +82,10 @@ mod tests {
         assert_eq!(accept("*/*"), Ok(ImageFormat::Webp));
         assert_eq!(accept("text/html,image/*;q=0.8,*/*;q=0.1"), Ok(ImageFormat::Webp));
         assert_eq!(accept("image/*, image/webp;q=0"), Ok(ImageFormat::Png));
-        assert_eq!(accept("text/html").unwrap_err().status, 406);
+        for none in ["text/html", "image/png;q=0", "image/png;Q=0", "image/png; q = 0.0", "*/*;q=0", "image/*;q=0"] {
+            assert_eq!(accept(none).unwrap_err().status, 406, "{none}");
+        }
+        assert_eq!(accept("image/webp;Q=0, */*"), Ok(ImageFormat::Png));
         assert_eq!(picture_format(&HeaderMap::new(), ImageFormat::Exr), Ok(ImageFormat::Exr));
     }
 
@@ -85,7 +95,9 @@ mod tests {
         assert_eq!(wait(&headers, Duration::from_secs(9)), None);
         headers.insert("prefer", "respond-async, wait=30".parse().unwrap());
         assert_eq!(wait(&headers, Duration::from_secs(9)), Some(Duration::from_secs(9)));
-        headers.insert("prefer", "wait=2".parse().unwrap());
-        assert_eq!(wait(&headers, Duration::from_secs(9)), Some(Duration::from_secs(2)));
+        for two in ["wait=2", "Wait = 2", "respond-async; WAIT=\"2\""] {
+            headers.insert("prefer", two.parse().unwrap());
+            assert_eq!(wait(&headers, Duration::from_secs(9)), Some(Duration::from_secs(2)), "{two}");
+        }
     }
 }

@@ -21,7 +21,7 @@ const KINDS: Kinds = Kinds {
 /// `POST /v1/images`
 pub async fn create(State(app): State<App>, request: Request) -> Result<Response, Problem> {
     let upload = upload::read(&app, &KINDS, request).await?;
-    let mut files = some_file(upload)?.files.into_iter();
+    let mut files = some_file(upload, &KINDS)?.files.into_iter();
     let (Some((_, bytes)), None) = (files.next(), files.next()) else {
         return Err(Problem::new(Code::BadRequest, "send one image at a time"));
     };

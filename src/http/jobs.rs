@@ -1,13 +1,13 @@
 //! `/v1/jobs`: renders that outlive the request that began them.
 
-use super::scenes::Page;
-use super::{App, accept, picture, scenes, upload};
+use super::scenes::{Page, bad_cursor};
+use super::{App, accept, picture, query, scenes, upload};
 use crate::film::Aov;
 use crate::jobs::{Code, Job, Order, Problem, Stages, State as JobState};
 use crate::params::{self, FieldError, ImageFormat};
 use axum::Json;
-use axum::extract::{Path, Query, Request, State};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::extract::{Path, Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -27,26 +27,33 @@ struct NewJob {
 
 /// `POST /v1/jobs`
 pub async fn create(State(app): State<App>, headers: HeaderMap, request: Request) -> Result<Response, Problem> {
+    let [] = query::fields(request.uri(), [])?;
     let order = read_order(&app, request).await?;
-    let job = app.service.submit(order)?;
     let longest = Duration::from_secs(app.service.limits().wait_seconds);
-    if let Some(patience) = accept::wait(&headers, longest) {
-        let in_time = tokio::time::timeout(patience, job.finished()).await.is_ok();
-        if in_time {
-            return finished(&app, &job, &headers).await;
-        }
+    let Some(patience) = accept::wait(&headers, longest) else {
+        let job = app.service.submit(order)?;
+        return Ok(accepted(&app, &job));
+    };
+    // A format that cannot be made is refused before the work, not after it.
+    accept::picture_format(&headers, order.params.output.format)?;
+    let job = app.service.submit(order)?;
+    let in_time = tokio::time::timeout(patience, job.finished()).await.is_ok();
+    let mut reply = if in_time { finished(&app, &job, &headers).await? } else { accepted(&app, &job) };
+    if let Ok(applied) = HeaderValue::try_from(format!("wait={}", patience.as_secs())) {
+        reply.headers_mut().insert("preference-applied", applied);
     }
+    Ok(reply)
+}
+
+/// 202 with the job as it stands.
+fn accepted(app: &App, job: &Job) -> Response {
     let location = HeaderValue::try_from(format!("/v1/jobs/{}", job.id)).map(|value| [(header::LOCATION, value)]);
-    Ok((StatusCode::ACCEPTED, location.ok(), Json(app.service.describe(&job))).into_response())
+    (StatusCode::ACCEPTED, location.ok(), Json(app.service.describe(job))).into_response()
 }
 
 async fn read_order(app: &App, request: Request) -> Result<Order, Problem> {
     let body = upload::read_json(app, request).await?;
-    let new: NewJob = serde_path_to_error::deserialize(body).map_err(|error| {
-        let path = error.path().to_string();
-        let pointer = if path == "." { String::new() } else { format!("/{}", path.replace('.', "/")) };
-        Problem::fields(Code::InvalidParams, vec![FieldError::new(pointer, error.into_inner().to_string())])
-    })?;
+    let new: NewJob = params::read(&body).map_err(|fault| Problem::fields(Code::InvalidParams, vec![fault]))?;
     let text = new.params.map_or_else(|| "{}".to_owned(), |params| params.to_string());
     let params = params::from_json(&text).map_err(|faults| Problem::fields(Code::InvalidParams, faults))?;
     let scene = app.service.scenes().get(&new.scene).ok_or_else(|| Problem {
@@ -68,8 +75,12 @@ pub async fn finished(app: &App, job: &Job, headers: &HeaderMap) -> Result<Respo
 }
 
 /// `GET /v1/jobs`
-pub async fn list(State(app): State<App>, Query(page): Query<Page>) -> Result<Json<Value>, Problem> {
-    let (jobs, more) = app.service.jobs(page.cursor.as_deref(), page.count()?);
+pub async fn list(State(app): State<App>, uri: Uri) -> Result<Json<Value>, Problem> {
+    let page = Page::read(&uri)?;
+    if page.cursor.as_ref().is_some_and(|cursor| app.service.job(cursor).is_err()) {
+        return Err(bad_cursor("there is no such job, or it has been forgotten since"));
+    }
+    let (jobs, more) = app.service.jobs(page.cursor.as_deref(), page.count);
     let next = jobs.last().filter(|_| more).map(|job| job.id.clone());
     let items: Vec<_> = jobs.iter().map(|job| app.service.describe(job)).collect();
     Ok(Json(json!({ "items": items, "next": next })))
@@ -102,22 +113,16 @@ pub async fn preview(State(app): State<App>, Path(id): Path<String>, headers: He
     Ok((head, preview.file.bytes.to_vec()).into_response())
 }
 
-/// Query of `GET /v1/jobs/{id}/result`.
-#[derive(Debug, Deserialize)]
-pub struct Wanted {
-    /// Name of an AOV; none: the picture.
-    aov: Option<String>,
-}
-
-/// `GET /v1/jobs/{id}/result`
+/// `GET /v1/jobs/{id}/result`, or one of its AOVs.
 pub async fn result(
     State(app): State<App>,
     Path(id): Path<String>,
-    Query(wanted): Query<Wanted>,
+    uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let job = app.service.job(&id)?;
-    let Some(name) = wanted.aov else {
+    let [aov] = query::fields(&uri, ["aov"])?;
+    let Some(name) = aov else {
         let format = accept::picture_format(&headers, job.params.output.format)?;
         return Ok(picture::reply(&job, &app.service.result(&job, format).await?, &headers));
     };

@@ -8,6 +8,7 @@ mod jobs;
 mod pages;
 mod picture;
 mod problem;
+mod query;
 mod render;
 pub mod router;
 mod scenes;

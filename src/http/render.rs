@@ -3,10 +3,10 @@
 use super::jobs::{Waiting, finished};
 use super::scenes::{RAW, some_file};
 use super::upload::{self, Kinds};
-use super::{App, accept};
+use super::{App, accept, query};
 use crate::jobs::{Code, Order, Problem, Stages, StoredImage, hdri_name};
-use crate::params::{self, RenderParams};
-use axum::extract::{Query, Request, State};
+use crate::params::{self, FieldError, JsonError, RenderParams};
+use axum::extract::{Request, State};
 use axum::http::Uri;
 use axum::response::Response;
 use std::sync::Arc;
@@ -25,7 +25,7 @@ pub async fn render(State(app): State<App>, request: Request) -> Result<Response
     let begun = Instant::now();
     let headers = request.headers().clone();
     let query = request.uri().clone();
-    let mut upload = some_file(upload::read(&app, &KINDS, request).await?)?;
+    let mut upload = some_file(upload::read(&app, &KINDS, request).await?, &KINDS)?;
     let params = read_params(upload.params.as_deref(), &query)?;
     // A format that cannot be made is refused before the work, not after it.
     accept::picture_format(&headers, params.output.format)?;
@@ -44,11 +44,14 @@ pub async fn render(State(app): State<App>, request: Request) -> Result<Response
 
 /// Parameters of the form's `params`, over which the query has precedence.
 fn read_params(form: Option<&str>, uri: &Uri) -> Result<RenderParams, Problem> {
-    let Query(pairs) = Query::<Vec<(String, String)>>::try_from_uri(uri)
-        .map_err(|error| Problem::new(Code::BadRequest, format!("the query cannot be read: {error}")))?;
+    let form = form.unwrap_or("{}");
+    if let Err(JsonError::Syntax(error)) = params::json(form, "/params") {
+        let fault = FieldError::new("/params", format!("not valid JSON: {error}"));
+        return Err(Problem::fields(Code::MalformedJson, vec![fault]));
+    }
+    let pairs = query::pairs(uri)?;
     let pairs = pairs.iter().map(|(name, value)| (name.as_str(), value.as_str()));
-    params::from_json_and_query(form.unwrap_or("{}"), pairs)
-        .map_err(|faults| Problem::fields(Code::InvalidParams, faults))
+    params::from_json_and_query(form, pairs).map_err(|faults| Problem::fields(Code::InvalidParams, faults))
 }
 
 /// The picture that the environment names: a part of this form, else one that is kept.

@@ -1,14 +1,13 @@
 //! `/v1/scenes`: upload once, render often.
 
-use super::App;
 use super::upload::{self, Kinds, Upload};
+use super::{App, query};
 use crate::jobs::{Code, Problem, StoredScene};
 use crate::params::FieldError;
 use axum::Json;
-use axum::extract::{Path, Query, Request, State};
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::extract::{Path, Request, State};
+use axum::http::{HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
-use serde::Deserialize;
 use serde_json::{Value, json};
 
 /// Media types of a scene that comes as one file.
@@ -23,41 +22,51 @@ const KINDS: Kinds = Kinds {
 };
 
 /// Where a page of a list begins, and how long it is.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug)]
 pub struct Page {
     /// What the page before gave as `next`.
     pub cursor: Option<String>,
     /// 1 to 100.
-    pub limit: Option<usize>,
+    pub count: usize,
 }
 
 impl Page {
-    /// Length of the page.
-    pub fn count(&self) -> Result<usize, Problem> {
-        let count = self.limit.unwrap_or(20);
-        if (1..=100).contains(&count) {
-            return Ok(count);
+    /// The fields `cursor` and `limit` of a query.
+    pub fn read(uri: &Uri) -> Result<Self, Problem> {
+        let [cursor, limit] = query::fields(uri, ["cursor", "limit"])?;
+        let limit = limit.unwrap_or_else(|| "20".to_owned());
+        match limit.parse() {
+            Ok(count @ 1..=100) => Ok(Self { cursor, count }),
+            _ => {
+                let limit: String = limit.chars().take(40).collect();
+                Err(query::fault("limit", format!("must be a whole number from 1 to 100, and is `{limit}`")))
+            }
         }
-        let detail = format!("must lie between 1 and 100, and is {count}");
-        Err(Problem::fields(Code::InvalidParams, vec![FieldError::new("/limit", detail)]))
     }
+}
+
+/// The fault of a cursor that leads nowhere.
+pub fn bad_cursor(why: &str) -> Problem {
+    let detail = format!("{why}: give the `next` of the page before, or no cursor to begin again");
+    Problem { errors: vec![FieldError::new("/cursor", why)], ..Problem::new(Code::BadCursor, detail) }
 }
 
 /// `POST /v1/scenes`
 pub async fn create(State(app): State<App>, request: Request) -> Result<Response, Problem> {
     let upload = upload::read(&app, &KINDS, request).await?;
-    let files = some_file(upload)?.files;
+    let files = some_file(upload, &KINDS)?.files;
     let (scene, new) = app.service.add_scene(files).await?;
     Ok(created(new, format!("/v1/scenes/{}", scene.id), scene.describe()))
 }
 
 /// An upload that has a file, or the fault that it has none.
-pub fn some_file(upload: Upload) -> Result<Upload, Problem> {
-    if upload.files.iter().any(|(_, bytes)| !bytes.is_empty()) {
+pub fn some_file(upload: Upload, kinds: &Kinds) -> Result<Upload, Problem> {
+    if !upload.files.is_empty() {
         return Ok(upload);
     }
-    let detail = "the request holds no scene: send the file as the part `scene` of the form, or as the body";
+    let field = kinds.file_field;
+    let detail =
+        format!("the form holds no file: send the {field} as its part `{field}`, or as the body of the request");
     Err(Problem::new(Code::BadRequest, detail))
 }
 
@@ -72,8 +81,12 @@ pub fn created(new: bool, location: String, body: Value) -> Response {
 }
 
 /// `GET /v1/scenes`
-pub async fn list(State(app): State<App>, Query(page): Query<Page>) -> Result<Json<Value>, Problem> {
-    let (scenes, more) = app.service.scenes().page(page.cursor.as_deref(), page.count()?);
+pub async fn list(State(app): State<App>, uri: Uri) -> Result<Json<Value>, Problem> {
+    let page = Page::read(&uri)?;
+    if page.cursor.as_ref().is_some_and(|cursor| !cursor.starts_with("sha256-")) {
+        return Err(bad_cursor("this is no cursor of this list"));
+    }
+    let (scenes, more) = app.service.scenes().page(page.cursor.as_deref(), page.count);
     let next = scenes.last().filter(|_| more).map(|scene| scene.id.clone());
     let row = |scene: &StoredScene| json!({ "id": scene.id, "upload_bytes": scene.upload_bytes });
     Ok(Json(json!({ "items": scenes.iter().map(|scene| row(scene)).collect::<Vec<_>>(), "next": next })))

@@ -2,6 +2,7 @@
 
 use super::App;
 use crate::jobs::{Code, Problem};
+use crate::params::{self, JsonError};
 use axum::body::Bytes;
 use axum::extract::multipart::{Field, Multipart, MultipartError};
 use axum::extract::{FromRequest, Request};
@@ -36,6 +37,7 @@ pub struct Kinds {
 pub async fn read(app: &App, kinds: &Kinds, request: Request) -> Result<Upload, Problem> {
     let limits = app.service.limits();
     check_length(request.headers(), limits.upload_bytes)?;
+    check_encoding(request.headers())?;
     // Never closed. Each holder has its place for a bounded time.
     let _place = app.uploads.acquire().await;
     let reading = async {
@@ -43,6 +45,9 @@ pub async fn read(app: &App, kinds: &Kinds, request: Request) -> Result<Upload, 
             "multipart/form-data" => read_form(limits.form_parts, kinds, request).await,
             raw if kinds.raw.contains(&raw) => {
                 let bytes = read_all(request).await?;
+                if bytes.is_empty() {
+                    return Err(Problem::new(Code::BadRequest, "the body is empty: send the file as the body"));
+                }
                 Ok(Upload { files: vec![(String::new(), bytes.into())], params: None })
             }
             other => Err(unsupported(other, kinds.hint)),
@@ -54,12 +59,17 @@ pub async fn read(app: &App, kinds: &Kinds, request: Request) -> Result<Upload, 
 /// Reads a body that must be JSON.
 pub async fn read_json(app: &App, request: Request) -> Result<serde_json::Value, Problem> {
     check_length(request.headers(), TEXT_BYTES as u64)?;
+    check_encoding(request.headers())?;
     let kind = content_type(request.headers());
     if kind != "application/json" {
         return Err(unsupported(&kind, "send JSON with `Content-Type: application/json`"));
     }
     let bytes = in_time(app.service.limits().body_seconds, read_all(request)).await?;
-    serde_json::from_slice(&bytes).map_err(|error| Problem::new(Code::MalformedJson, error.to_string()))
+    let text = std::str::from_utf8(&bytes).map_err(|_| Problem::new(Code::MalformedJson, "the body is not UTF-8"))?;
+    params::json(text, "").map_err(|error| match error {
+        JsonError::Syntax(error) => Problem::new(Code::MalformedJson, format!("the body is not valid JSON: {error}")),
+        JsonError::Twice(fault) => Problem::fields(Code::InvalidParams, vec![fault]),
+    })
 }
 
 async fn in_time<T>(seconds: u64, reading: impl Future<Output = Result<T, Problem>>) -> Result<T, Problem> {
@@ -120,6 +130,10 @@ async fn read_field(kinds: &Kinds, upload: &mut Upload, mut field: Field<'_>) ->
     while let Some(chunk) = field.chunk().await.map_err(malformed)? {
         bytes.extend_from_slice(&chunk);
     }
+    if bytes.is_empty() {
+        let detail = format!("the part `{name}` (file name `{file}`) is empty: was the file there, and is it whole?");
+        return Err(Problem::new(Code::BadRequest, detail));
+    }
     upload.files.push((file, bytes));
     Ok(())
 }
@@ -147,6 +161,17 @@ fn malformed(error: MultipartError) -> Problem {
 fn check_length(headers: &HeaderMap, limit: u64) -> Result<(), Problem> {
     let length = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
     if length.is_some_and(|length| length > limit) { Err(too_large("the body")) } else { Ok(()) }
+}
+
+/// Refuses a body that is packed on its way.
+fn check_encoding(headers: &HeaderMap) -> Result<(), Problem> {
+    match headers.get(header::CONTENT_ENCODING) {
+        Some(encoding) if !encoding.as_bytes().eq_ignore_ascii_case(b"identity") => {
+            let detail = "this server reads no `Content-Encoding`: send the body as it is (a scene may be a .zip)";
+            Err(Problem::new(Code::UnsupportedMediaType, detail))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn too_large(what: &str) -> Problem {

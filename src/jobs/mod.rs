@@ -40,11 +40,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 use table::Table;
-use tokio::sync::{Semaphore, oneshot, watch};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot, watch};
 use worker::{Ready, Shared, Worker};
 
 /// Seconds after which a client that found the queue full should try again.
 const RETRY_SECONDS: u32 = 2;
+
+/// Memory that decoding takes per pixel of an environment picture: four f32 as read, three as kept, and the sampling table.
+const HDRI_PIXEL_BYTES: u64 = 16 + 12 + 24;
 
 /// The render service. Cloning gives another handle to the same service; the device's thread ends with the last one.
 #[derive(Clone)]
@@ -60,6 +63,8 @@ struct Core {
     worker: mpsc::Sender<Ready>,
     /// Places for imports and compilations, which use all cores.
     desks: Semaphore,
+    /// MiB of memory for uploads that are being imported.
+    import_memory: Arc<Semaphore>,
     draining: AtomicBool,
     closed: watch::Sender<bool>,
 }
@@ -96,6 +101,7 @@ impl Service {
                 table,
                 worker,
                 desks: Semaphore::new(desks),
+                import_memory: Arc::new(Semaphore::new(mebibytes(limits.import_memory_bytes) as usize)),
                 draining: AtomicBool::new(false),
                 closed: watch::Sender::new(false),
                 limits,
@@ -122,8 +128,11 @@ impl Service {
     pub async fn add_scene(&self, parts: Vec<(String, Vec<u8>)>) -> Result<(Arc<StoredScene>, bool), Problem> {
         let limits = self.core.limits.scene();
         let upload_bytes = parts.iter().map(|(_, bytes)| bytes.len() as u64).sum();
+        let memory = self.import_memory(limits.import_memory(upload_bytes, Package::is_packed(&parts))).await;
         let service = self.clone();
         self.at_desk(move || {
+            // Held until the work has ended, whether or not anybody still waits for it.
+            let _memory = memory;
             let package = Package::from_parts(parts, &limits)?;
             let id = package.id();
             if let Some(present) = service.core.scenes.get(&id) {
@@ -137,13 +146,16 @@ impl Service {
 
     /// Decodes an environment picture, unless it is kept already. `pointer` names it in errors.
     pub async fn add_image(&self, bytes: Vec<u8>, pointer: &'static str) -> Result<(Arc<StoredImage>, bool), Problem> {
+        let limit = self.core.limits.environment_pixels;
+        let memory = self.import_memory(bytes.len() as u64 + limit.saturating_mul(HDRI_PIXEL_BYTES)).await;
         let service = self.clone();
         self.at_desk(move || {
+            let _memory = memory;
             let id = scenes::content_id(&bytes);
             if let Some(present) = service.core.images.get(&id) {
                 return Ok((present, false));
             }
-            let hdri = decode_hdri(&bytes).map_err(|error| {
+            let hdri = decode_hdri(&bytes, limit).map_err(|error| {
                 let fault = FieldError { pointer: pointer.to_owned(), detail: error.to_string() };
                 Problem::fields(Code::InvalidImage, vec![fault])
             })?;
@@ -151,6 +163,13 @@ impl Service {
             Ok(service.core.images.insert(image))
         })
         .await
+    }
+
+    /// Waits until so much memory is free for an import; what is over the whole limit has to be alone.
+    async fn import_memory(&self, bytes: u64) -> Option<OwnedSemaphorePermit> {
+        let whole = mebibytes(self.core.limits.import_memory_bytes);
+        // The semaphore is never closed.
+        Arc::clone(&self.core.import_memory).acquire_many_owned(mebibytes(bytes).min(whole)).await.ok()
     }
 
     /// Runs work that needs a core for long, when there is a place for it. Its panic becomes a problem.
@@ -328,6 +347,11 @@ fn no_result(job: &Job) -> Problem {
         State::Cancelled => Problem::new(Code::JobCancelled, "the job was cancelled and has no result"),
         _ => Problem::new(Code::NotFinished, "the job is still under way; wait for `completed` in its events"),
     }
+}
+
+/// Bytes in whole MiB, at least one.
+fn mebibytes(bytes: u64) -> u32 {
+    u32::try_from(bytes.div_ceil(1 << 20)).unwrap_or(u32::MAX).clamp(1, u32::MAX >> 4)
 }
 
 fn internal(what: &str) -> Problem {

@@ -39,6 +39,8 @@ macro_rules! codes {
 codes! {
     /// The request line, a header or the query cannot be read.
     BadRequest = "bad_request", 400, "The request cannot be read";
+    /// A list is to go on at a place that is not there.
+    BadCursor = "bad_cursor", 400, "The list cannot go on from there";
     /// The form is cut off or not a form.
     MalformedMultipart = "malformed_multipart", 400, "The multipart form cannot be read";
     /// The body is not JSON.

@@ -7,10 +7,12 @@ mod biases;
 mod lights;
 mod parse;
 mod query;
+mod strict;
 mod validate;
 
 pub use lights::{LightParams, SpotFalloff};
-pub use parse::{from_json, from_json_and_query, from_query};
+pub use parse::{from_json, from_json_and_query, from_query, read};
+pub use strict::{JsonError, json};
 pub use validate::{FieldError, ParamLimits};
 
 use serde::{Deserialize, Serialize};

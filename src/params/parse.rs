@@ -1,9 +1,11 @@
 //! JSON and query strings -> [`RenderParams`].
 
 use super::query::overlay;
+use super::strict::{self, JsonError};
 use super::{FieldError, RenderParams};
+use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
-use serde_path_to_error::Segment;
+use serde_path_to_error::{Path, Segment};
 
 /// Faults after which reading is given up.
 const MAX_FAULTS: usize = 32;
@@ -37,8 +39,10 @@ pub fn from_json_and_query<'a>(
     json: &str,
     pairs: impl IntoIterator<Item = (&'a str, &'a str)>,
 ) -> Result<RenderParams, Vec<FieldError>> {
-    let mut value: Value = serde_json::from_str(json)
-        .map_err(|error| vec![FieldError::new("/params", format!("not valid JSON: {error}"))])?;
+    let mut value = strict::json(json, "/params").map_err(|error| match error {
+        JsonError::Syntax(error) => vec![FieldError::new("/params", format!("not valid JSON: {error}"))],
+        JsonError::Twice(fault) => vec![fault],
+    })?;
     if !value.is_object() {
         return Err(vec![FieldError::new("/params", "must be a JSON object, like {\"width\": 640}")]);
     }
@@ -46,22 +50,60 @@ pub fn from_json_and_query<'a>(
     from_value(value)
 }
 
+/// Objects within the parameters, besides the lights.
+const OBJECTS: [&str; 6] = ["/camera", "/camera/orbit", "/environment", "/environment/gradient", "/filter", "/output"];
+
+/// Takes away lists in the place of objects, which serde would take for their fields in order, and notes each.
+fn take_lists(value: &mut Value) -> Vec<FieldError> {
+    let mut faults = Vec::new();
+    let mut note = |pointer: String| {
+        faults.push(FieldError::new(format!("/params{pointer}"), "must be an object, and is a list"));
+    };
+    for (parent, name) in OBJECTS.iter().filter_map(|pointer| pointer.rsplit_once('/')) {
+        let Some(parent_value) = value.pointer_mut(parent).and_then(Value::as_object_mut) else { continue };
+        if parent_value.get(name).is_some_and(Value::is_array) {
+            parent_value.shift_remove(name);
+            note(format!("{parent}/{name}"));
+        }
+    }
+    let lights = value.get_mut("lights").and_then(Value::as_array_mut);
+    for (index, light) in lights.into_iter().flatten().enumerate().filter(|(_, light)| light.is_array()) {
+        *light = json!({"type": "ambient"});
+        note(format!("/lights/{index}"));
+    }
+    faults
+}
+
+/// Reads what is not parameters in the same words; places at fault get a pointer from the root of `value`.
+///
+/// # Errors
+/// The first fault.
+pub fn read<T: DeserializeOwned>(value: &Value) -> Result<T, FieldError> {
+    if !value.is_object() {
+        return Err(FieldError::new("", "must be a JSON object"));
+    }
+    serde_path_to_error::deserialize(value).map_err(|error| Fault::new("", &error).error)
+}
+
 /// Reads; on a fault, notes it, takes what is at fault away and reads again, so that all faults are found.
 fn from_value(mut value: Value) -> Result<RenderParams, Vec<FieldError>> {
-    let mut faults = Vec::new();
+    let mut faults = take_lists(&mut value);
     loop {
         let fault = match serde_path_to_error::deserialize(&value) {
             Ok(params) if faults.is_empty() => return Ok(params),
             Ok(_) => return Err(faults),
-            Err(error) => Fault::new(&error),
+            Err(error) => Fault::new("/params", &error),
         };
         let removed = fault.remove_from(&mut value);
         faults.push(fault.error);
-        if !removed || faults.len() == MAX_FAULTS {
+        if !removed || faults.len() >= MAX_FAULTS {
             return Err(faults);
         }
     }
 }
+
+/// Whole numbers of which there is at least one.
+const COUNTS: [&str; 3] = ["width", "height", "max_samples"];
 
 struct Fault {
     path: Vec<String>,
@@ -70,8 +112,8 @@ struct Fault {
 }
 
 impl Fault {
-    fn new(error: &serde_path_to_error::Error<serde_json::Error>) -> Self {
-        let mut path: Vec<String> = error.path().iter().filter_map(name).collect();
+    fn new(root: &str, error: &serde_path_to_error::Error<serde_json::Error>) -> Self {
+        let mut path = names(error.path());
         let message = error.inner().to_string();
         let is_unknown_field = message.starts_with("unknown field");
         // serde places these at the object that they were looked for in.
@@ -81,8 +123,12 @@ impl Fault {
         {
             path.push(field.to_owned());
         }
-        let pointer = path.iter().fold("/params".to_owned(), |pointer, name| pointer + "/" + &escaped(name));
-        Self { path, is_unknown_field, error: FieldError::new(pointer, explain(&message)) }
+        let mut detail = explain(&message);
+        if COUNTS.contains(&path.concat().as_str()) {
+            detail = detail.replace("not negative", "1 or more");
+        }
+        let error = FieldError::new(pointer(root, &path), detail);
+        Self { path, is_unknown_field, error }
     }
 
     /// Takes the fault away: an unknown field by itself, else the light or the top-level field that it lies in.
@@ -110,6 +156,16 @@ fn replace_light(object: &mut Map<String, Value>, index: &str) -> bool {
     })
 }
 
+/// The steps of a path.
+pub(super) fn names(path: &Path) -> Vec<String> {
+    path.iter().filter_map(name).collect()
+}
+
+/// A JSON pointer.
+pub(super) fn pointer(root: &str, path: &[String]) -> String {
+    path.iter().fold(root.to_owned(), |pointer, name| pointer + "/" + &escaped(name))
+}
+
 fn name(segment: &Segment) -> Option<String> {
     match segment {
         Segment::Seq { index } => Some(index.to_string()),
@@ -128,7 +184,8 @@ fn escaped(name: &str) -> String {
 fn explain(message: &str) -> String {
     let mut text = message
         .replace("expected struct RenderParams", "expected an object")
-        .replace("expected u32", "expected a whole number from 0 to 4294967295")
+        .replace("expected u32", "expected a whole number, not negative and below 2^32")
+        .replace("expected i32", "expected a whole number")
         .replace("expected u64", "expected a whole number, not negative")
         .replace("expected usize", "expected a whole number, not negative")
         .replace("expected u8", "expected a whole number from 0 to 255")
@@ -249,6 +306,7 @@ mod tests {
             "/params/camera/bar",
             "/params/camera/foo",
             "/params/camera/up",
+            "/params/filter",
             "/params/height",
             "/params/lights/0/position",
             "/params/lights/2/colour",
@@ -259,8 +317,31 @@ mod tests {
     }
 
     #[test]
+    fn a_list_is_no_object() {
+        let full = r#"{"camera": {"orbit": {}}, "environment": {"gradient":
+            {"top": [0, 0, 0], "horizon": [0, 0, 0], "bottom": [0, 0, 0]}}, "filter": {}, "output": {},
+            "lights": [{"type": "ambient"}, {"type": "ambient"}]}"#;
+        let full: Value = serde_json::from_str(full).unwrap();
+        let mut open = vec![String::new()];
+        let mut objects = 0;
+        while let Some(place) = open.pop() {
+            let value = full.pointer(&place).unwrap();
+            open.extend(value.as_object().into_iter().flatten().map(|(name, _)| format!("{place}/{name}")));
+            open.extend((0..value.as_array().map_or(0, Vec::len)).map(|index| format!("{place}/{index}")));
+            if let Some(object) = value.as_object() {
+                let mut wrong = full.clone();
+                *wrong.pointer_mut(&place).unwrap() = object.values().cloned().collect();
+                assert_eq!(only_fault(&wrong.to_string()).0, format!("/params{place}"));
+                objects += 1;
+            }
+        }
+        assert_eq!(objects, 1 + OBJECTS.len() + 2);
+    }
+
+    #[test]
     fn numbers_are_named_as_numbers() {
-        assert!(only_fault(r#"{"height": -5}"#).1.contains("expected a whole number from 0"));
+        assert!(only_fault(r#"{"height": -5}"#).1.contains("expected a whole number, 1 or more"));
+        assert!(only_fault(r#"{"seed": -1}"#).1.contains("expected a whole number, not negative"));
         assert!(only_fault(r#"{"exposure": "high"}"#).1.contains("expected a number"));
         assert!(only_fault(r#"{"camera": 3}"#).1.ends_with("expected an object"));
     }

@@ -1,7 +1,7 @@
 //! The one way from a scene and a request to [`Work`], and from [`Work`] to a film where nothing else wants the device.
 
 use super::{DeviceInfo, Engine, NonFinite, RenderError, Settings, StopReason, Strategy, Work};
-use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Hdri};
+use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Hdri, Lighting};
 use crate::film::Film;
 use crate::params::RenderParams;
 use crate::scene::{Scene, Warning};
@@ -38,8 +38,27 @@ pub fn prepare(
     let (lighting, defaults_of_light) = compile::light(scene, &compiled, params, hdri)?;
     defaults.extend(defaults_of_light);
     let features = compile::features(&compiled, &lighting, &view, params);
+    let mut warnings = scene.warnings.clone();
+    warnings.extend(blackness(&compiled, &lighting, features.unlit));
     let work = Work { scene: compiled, lighting: Arc::new(lighting), view, features, settings: Settings::from(params) };
-    Ok(Prepared { work, defaults, biases: params.biases(), warnings: scene.warnings.clone() })
+    Ok(Prepared { work, defaults, biases: params.biases(), warnings })
+}
+
+/// Why the picture must be black, or has nothing but its background in it.
+fn blackness(compiled: &CompiledScene, lighting: &Lighting, unlit: bool) -> Option<Warning> {
+    let warning = |code, pointer: &str, detail: &str| Warning { code, pointer: pointer.into(), detail: detail.into() };
+    let dark = lighting.lights.is_empty() && compiled.emitters.is_empty() && !compile::shines(&lighting.environment);
+    if compiled.triangles.is_empty() {
+        let detail = "the scene draws no triangle, so the picture shows its background alone: has it meshes, are their nodes \
+                      in the scene that was chosen, and is no scale zero?";
+        Some(warning("nothing_drawn", "/scenes", detail))
+    } else if dark && !unlit {
+        let detail = "no light reaches the scene, so the picture is black: give lights or an environment, or leave \
+                      `environment` out for a neutral sky";
+        Some(warning("no_light", "/params/environment", detail))
+    } else {
+        None
+    }
 }
 
 impl From<&RenderParams> for Settings {

@@ -5,6 +5,9 @@
 pub struct Limits {
     /// Bytes of all files of a package together, after inflating.
     pub bytes: u64,
+    /// Bytes that vertices may take in memory for each byte of the files (beyond the first 64 MiB): one buffer may be
+    /// decoded many times, and an accessor without a buffer view takes none of the file at all. `bytes` bounds them too.
+    pub decoded_ratio: u64,
     /// Entries of a zip.
     pub zip_entries: usize,
     /// Inflated bytes per compressed byte of a zip entry (beyond the first MiB).
@@ -33,6 +36,7 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             bytes: 1 << 30,
+            decoded_ratio: 16,
             zip_entries: 10_000,
             zip_ratio: 200,
             json_values: 20_000_000,
@@ -45,5 +49,37 @@ impl Default for Limits {
             image_pixels: 8192 * 8192,
             total_image_pixels: 8 * 8192 * 8192,
         }
+    }
+}
+
+/// Decoded bytes that are free of the ratio's limit.
+const DECODED_FREE: u64 = 64 << 20;
+
+/// Most that deflate can do: inflated bytes per packed byte.
+const DEFLATE_RATIO: u64 = 1032;
+
+impl Limits {
+    /// Bytes that the vertices of a scene may take whose files have so many.
+    pub(super) fn decoded(&self, file_bytes: u64) -> u64 {
+        file_bytes.saturating_mul(self.decoded_ratio).saturating_add(DECODED_FREE).min(self.bytes)
+    }
+
+    /// Most memory that reading an upload can take: its files, unpacked, and the vertices in them.
+    pub fn import_memory(&self, upload_bytes: u64, is_zip: bool) -> u64 {
+        let unpacked = if is_zip { upload_bytes.saturating_mul(DEFLATE_RATIO).min(self.bytes) } else { upload_bytes };
+        unpacked.saturating_add(self.decoded(unpacked))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_follows_the_upload_and_ends_at_the_limit() {
+        let limits = Limits::default();
+        assert_eq!(limits.import_memory(700, false), 700 + 700 * 16 + DECODED_FREE);
+        assert_eq!(limits.import_memory(1 << 30, false), 2 << 30);
+        assert_eq!(limits.import_memory(100 << 20, true), 2 << 30);
     }
 }

@@ -38,6 +38,77 @@ fn every_reference_leads_somewhere() {
     }
 }
 
+/// What OpenAPI 3.1 allows in an object, by where it stands (the parts that the contract uses).
+const FIELDS: [(&str, &[&str]); 6] = [
+    ("tags", &["name", "description"]),
+    ("parameters", &["name", "in", "description", "required", "style", "explode", "schema", "example"]),
+    ("headers", &["description", "schema", "example"]),
+    ("responses", &["description", "headers", "content"]),
+    ("content", &["schema", "example"]),
+    ("operations", &["tags", "operationId", "summary", "description", "parameters", "requestBody", "responses"]),
+];
+
+/// Faults of an object or list of such objects, each with its place.
+fn wrong_fields(kind: &str, value: &Value, place: &str, faults: &mut Vec<String>) {
+    let known = FIELDS.iter().find(|(name, _)| *name == kind).map(|(_, known)| *known).unwrap_or_default();
+    let Some(object) = value.as_object() else { return faults.push(format!("{place} is no object")) };
+    if object.contains_key("$ref") {
+        return;
+    }
+    faults.extend(object.keys().filter(|key| !known.contains(&key.as_str())).map(|key| format!("{place}: `{key}`")));
+    let needed: &[&str] = match kind {
+        "parameters" => &["name", "in"],
+        "responses" => &["description"],
+        "tags" => &["name"],
+        _ => &[],
+    };
+    let text = |field: &&&str| object.get(**field).is_some_and(Value::is_string);
+    faults.extend(needed.iter().filter(|field| !text(field)).map(|field| format!("{place}: no text in `{field}`")));
+}
+
+/// Looks through the contract: a comma or a word that YAML reads otherwise than it looks leaves a trace here.
+fn faults_of_form(value: &Value, place: &str, faults: &mut Vec<String>) {
+    let children: Vec<(String, &Value)> = match value {
+        Value::Object(object) => object.iter().map(|(key, child)| (key.clone(), child)).collect(),
+        Value::Array(list) => list.iter().enumerate().map(|(index, child)| (index.to_string(), child)).collect(),
+        Value::Null if !place.ends_with("/default") => return faults.push(format!("{place} is null")),
+        _ => return,
+    };
+    let above = place.rsplit('/').next().unwrap_or_default();
+    for (name, child) in children {
+        let below = format!("{place}/{name}");
+        let kind = if ["get", "post", "delete"].contains(&name.as_str()) { "operations" } else { above };
+        // Within a schema these are names of properties.
+        let in_schema = place.contains("/schemas/") || place.contains("/schema/");
+        if !in_schema
+            && FIELDS.iter().any(|(known, _)| *known == kind)
+            && !(place.contains("/tags") && child.is_string())
+        {
+            wrong_fields(kind, child, &below, faults);
+        }
+        if name == "description" && !child.is_string() && !place.ends_with("/properties") {
+            faults.push(format!("{below} is no text"));
+        }
+        faults_of_form(child, &below, faults);
+    }
+}
+
+#[test]
+fn the_contract_is_openapi() {
+    let mut contract = contract();
+    assert_eq!(contract["openapi"], "3.1.0");
+    let faults = |contract: &Value| {
+        let mut faults = Vec::new();
+        faults_of_form(contract, "", &mut faults);
+        faults
+    };
+    assert_eq!(faults(&contract), Vec::<String>::new());
+    contract["paths"]["/v1/jobs/{id}/preview"]["get"]["parameters"][0]["name"] = json!(false);
+    contract["components"]["responses"]["Picture"]["headers"]["ETag"]["interface and driver"] = json!("");
+    contract["tags"][0]["limits"] = Value::Null;
+    assert_eq!(faults(&contract).len(), 4, "{:?}", faults(&contract));
+}
+
 #[test]
 fn every_code_is_in_the_contract() {
     let contract = contract();

@@ -15,4 +15,5 @@ mod refusals;
 mod render;
 mod scenes;
 mod shutdown;
+mod strict;
 mod support;

@@ -182,3 +182,51 @@ fn a_request_keeps_its_id_if_it_is_plain() {
     assert_eq!(id("abc-123").as_deref(), Some("abc-123"));
     assert_ne!(id("<script>").as_deref(), Some("<script>"));
 }
+
+#[test]
+fn vertices_that_no_file_holds_are_refused() {
+    let claims = |count: u64| {
+        let zeros = |kind: &str| json!({ "componentType": 5126, "count": count, "type": kind });
+        let attributes = json!({ "POSITION": 0, "COLOR_0": 1, "TEXCOORD_0": 2 });
+        let document = json!({
+            "asset": { "version": "2.0" }, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
+            "meshes": [{ "primitives": [{ "attributes": attributes }] }],
+            "accessors": [zeros("VEC3"), zeros("VEC4"), zeros("VEC2")],
+        });
+        document.to_string()
+    };
+    // The least budget: imports take turns, however large.
+    let server = limited(Limits { import_memory_bytes: 1, ..Limits::default() });
+    let begun = Instant::now();
+    let post = |count| server.post("/v1/scenes", "model/gltf+json", claims(count).as_bytes());
+    for count in [59_999_000, 3_000_000] {
+        let problem = post(count).problem(413, "decoded_bytes");
+        assert!(pointers(&problem)[0].starts_with("/scene/"), "{problem}");
+    }
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    std::thread::scope(|scope| {
+        let posts: Vec<_> = [3000, 6000, 9000].map(|count| scope.spawn(move || post(count).status)).into();
+        assert!(posts.into_iter().all(|status| status.join().unwrap() == 201));
+    });
+}
+
+#[test]
+fn one_limit_for_environments() {
+    let server = limited(Limits { environment_pixels: 100, ..Limits::default() });
+    assert_eq!(server.get("/v1/limits").json()["environment_pixels"], 100);
+    let problem =
+        server.post("/v1/images", "image/vnd.radiance", &crate::support::radiance()).problem(422, "invalid_image");
+    assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("environment_pixels")), "{problem}");
+}
+
+#[test]
+fn scenes_beyond_the_arithmetic_are_refused() {
+    let server = Server::start();
+    for (scale, code) in [("1e12", "extent_too_large"), ("1e-12", "extent_too_small")] {
+        let scaled = crate::support::triangle_text("x")
+            .replace("{\"mesh\": 0}", &format!("{{\"mesh\": 0, \"scale\": [{scale}, {scale}, {scale}]}}"));
+        let scaled = crate::support::glb(&scaled.replace(", \"uri\": \"x\"", ""), &crate::support::vertices());
+        let problem = server.post("/v1/render?width=8&height=8", "model/gltf-binary", &scaled).problem(422, code);
+        assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("scale it")), "{problem}");
+    }
+}

@@ -89,3 +89,23 @@ fn biases_that_the_request_allows_are_named() {
     let biases = reply.header("candela-biases").unwrap_or_default();
     assert!(biases.contains("max_bounces") && biases.contains("multiple_scattering"), "{biases}");
 }
+
+#[test]
+fn a_picture_that_must_be_black_says_why() {
+    let server = Server::start();
+    let warnings = |query: &str, kind: &str, body: &[u8]| {
+        let reply = server.post(&format!("/v1/render?width=8&height=8&max_samples=2&{query}"), kind, body);
+        assert_eq!(reply.status, 200, "{reply:?}");
+        reply.header("candela-warnings").unwrap_or_default().to_owned()
+    };
+    let glb = "model/gltf-binary";
+    assert!(!warnings("", glb, &triangle()).contains("no_light"));
+    assert!(warnings("environment=null", glb, &triangle()).contains("no_light"));
+    assert!(warnings("environment.constant=[0,0,0]", glb, &triangle()).contains("no_light"));
+    assert!(!warnings("environment=null&lights.0.type=ambient", glb, &triangle()).contains("no_light"));
+    assert!(!warnings("environment=null&mode=direct&lights.0.type=ambient", glb, &triangle()).contains("no_light"));
+    let shrunk = triangle_text("data:;base64,").replace("{\"mesh\": 0}", "{\"mesh\": 0, \"scale\": [0, 0, 0]}");
+    let shrunk = crate::support::glb(&shrunk.replace(", \"uri\": \"data:;base64,\"", ""), &vertices());
+    assert!(warnings("", glb, &shrunk).contains("nothing_drawn"));
+    assert!(warnings("", "model/gltf+json", crate::support::with_camera().as_bytes()).contains("nothing_drawn"));
+}

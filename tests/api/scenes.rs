@@ -99,5 +99,5 @@ fn lists_come_in_pages() {
     let last = server.get(&format!("/v1/scenes?limit=2&cursor={next}")).json();
     assert_eq!((last["items"].as_array().map(Vec::len), last["next"].is_null()), (Some(1), true));
     server.get("/v1/scenes?limit=0").problem(422, "invalid_params");
-    server.get("/v1/scenes?page=2").problem(400, "bad_request");
+    server.get("/v1/scenes?page=2").problem(422, "invalid_params");
 }

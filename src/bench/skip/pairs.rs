@@ -102,7 +102,7 @@ fn slivers(extra: Value) -> Result<Pair> {
 fn unseen_environment() -> Result<Pair> {
     let scene = imported(closed_room())?;
     let sky = demo::png(64, |u, v| [0.5 * u, 0.5 * v, 0.8, 1.0]);
-    let sky = Arc::new(compile::decode_hdri(&sky)?);
+    let sky = Arc::new(compile::decode_hdri(&sky, compile::ENVIRONMENT_PIXELS)?);
     let given = params(json!({"environment": {"hdri": "sky"}}));
     let full = work(&scene, compile::compile_scene(&scene, None)?, given, Some(sky))?;
     let lean = without_unseen_environment(&mut CpuEngine::new(), full.clone())?;

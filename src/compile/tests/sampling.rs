@@ -2,7 +2,7 @@
 
 use super::Random;
 use crate::compile::alias::table;
-use crate::compile::{Hdri, HdriError, decode_hdri};
+use crate::compile::{ENVIRONMENT_PIXELS, Hdri, HdriError, decode_hdri};
 use std::f64::consts::{PI, TAU};
 use std::io::Cursor;
 
@@ -82,7 +82,7 @@ fn encoded(texels: &[[f32; 3]], width: u32, format: image::ImageFormat) -> Vec<u
 fn pictures_decode_and_bad_texels_are_refused_with_their_place() {
     let texels = [[1.0, 2.0, 4.0], [0.5, 0.25, 0.125], [1000.0, 0.0, 8.0], [0.0; 3]];
     for format in [image::ImageFormat::Hdr, image::ImageFormat::OpenExr] {
-        let hdri = decode_hdri(&encoded(&texels, 2, format)).unwrap();
+        let hdri = decode_hdri(&encoded(&texels, 2, format), ENVIRONMENT_PIXELS).unwrap();
         assert_eq!((hdri.width, hdri.height), (2, 2));
         for (a, b) in hdri.texels.iter().flatten().zip(texels.iter().flatten()) {
             assert!((a - b).abs() <= 8.0, "{a} {b}");
@@ -91,9 +91,11 @@ fn pictures_decode_and_bad_texels_are_refused_with_their_place() {
     for (value, what) in [(f32::NAN, "not a number"), (-1.0, "negative"), (f32::INFINITY, "infinite")] {
         let mut bad = texels;
         bad[3][1] = value;
-        let error = decode_hdri(&encoded(&bad, 2, image::ImageFormat::OpenExr)).unwrap_err();
+        let error = decode_hdri(&encoded(&bad, 2, image::ImageFormat::OpenExr), ENVIRONMENT_PIXELS).unwrap_err();
         assert_eq!(error, HdriError::Texel { x: 1, y: 1, what });
     }
-    assert!(matches!(decode_hdri(b"not a picture"), Err(HdriError::Undecodable(_))));
-    assert!(matches!(decode_hdri(b""), Err(HdriError::Undecodable(_))));
+    assert!(matches!(decode_hdri(b"not a picture", ENVIRONMENT_PIXELS), Err(HdriError::Undecodable(_))));
+    let small = encoded(&[[1.0; 3]; 4], 2, image::ImageFormat::Hdr);
+    assert_eq!(decode_hdri(&small, 3).unwrap_err(), HdriError::TooLarge { width: 2, height: 2, limit: 3 });
+    assert!(matches!(decode_hdri(b"", ENVIRONMENT_PIXELS), Err(HdriError::Undecodable(_))));
 }

@@ -155,9 +155,31 @@ fn bad_scenes_are_refused_with_a_pointer() {
     looped.scenes[0].nodes.push(1);
     let error = compile_scene(&looped, None).unwrap_err();
     assert!(matches!(&error, CompileError::Scene(error) if error.code == "nodes_not_a_tree"), "{error}");
-    let huge = scene(vec![mesh(triangle())], &[(0, DAffine3::from_scale(DVec3::splat(1e20)))]);
-    let error = compile_scene(&huge, None).unwrap_err();
-    assert!(matches!(&error, CompileError::Scene(error) if error.code == "extent_too_large"), "{error}");
+}
+
+#[test]
+fn extents_beyond_the_arithmetic_are_refused() {
+    let scaled = |scale: f64| scene(vec![mesh(triangle())], &[(0, DAffine3::from_scale(DVec3::splat(scale)))]);
+    // The same size in the world, but traced in the space of the mesh.
+    let instanced = |scale: f64| {
+        let place = DAffine3::from_scale(DVec3::splat(1.0 / scale));
+        let grown = triangle().positions.iter().map(|p| *p * scale as f32).collect();
+        let grown = scene::Primitive { positions: grown, ..triangle() };
+        scene(vec![mesh(grown)], &[(0, place), (0, DAffine3::from_translation(DVec3::X) * place)])
+    };
+    for scene in [scaled(1e8), scaled(1e-5), instanced(1e8), instanced(1e-5)] {
+        assert!(!compile_scene(&scene, None).unwrap().bounds.is_empty());
+    }
+    for (scene, code) in [
+        (scaled(1e10), "extent_too_large"),
+        (scaled(1e20), "extent_too_large"),
+        (scaled(1e-9), "extent_too_small"),
+        (instanced(1e10), "extent_too_large"),
+        (instanced(1e-9), "extent_too_small"),
+    ] {
+        let error = compile_scene(&scene, None).unwrap_err();
+        assert!(matches!(&error, CompileError::Scene(error) if error.code == code), "{error}");
+    }
 }
 
 #[test]

@@ -117,12 +117,13 @@ pub(super) fn locate<'a>(text: &str, pointer: &str, package: &'a Package) -> Res
         Uri::Data(bytes) => Ok(Located::Inline(bytes)),
         Uri::Broken(why) => Err(SceneError::invalid("uri_broken", pointer, why)),
         Uri::External => {
-            let detail = format!("`{}` lies outside; nothing is fetched: embed it, or send it as a file and name that", clip(text));
+            let detail = format!("`{}` lies outside; nothing is fetched: embed it, or put the file beside the glTF and name that", clip(text));
             Err(SceneError::invalid("uri_external", pointer, detail))
         }
         Uri::Relative(path) => package.find(path).map(Located::File).ok_or_else(|| {
             let detail = format!(
-                "no file `{}` was sent; add it as a part of the form (its file name being the URI) or to the zip, or send a .glb",
+                "there is no file `{}` with the glTF; it must lie beside it (in the same folder, zip or form, under that name), or \
+                 export a .glb, which holds everything",
                 clip(&uri::decode(path))
             );
             SceneError::invalid("uri_missing", pointer, detail)

@@ -66,6 +66,8 @@ pub(super) struct Decoder<'a> {
     warnings: &'a mut Warnings,
     triangles: usize,
     vertices: usize,
+    /// Bytes that vertices may take yet.
+    bytes_left: u64,
     tangent_pairs: u64,
 }
 
@@ -77,9 +79,11 @@ impl<'a> Decoder<'a> {
         data: &'a Data<'a>,
         materials: &'a [ReadMaterial],
         limits: &'a Limits,
+        file_bytes: u64,
         warnings: &'a mut Warnings,
     ) -> Self {
-        Self { data, materials, limits, warnings, triangles: 0, vertices: 0, tangent_pairs: 0 }
+        let bytes_left = limits.decoded(file_bytes);
+        Self { data, materials, limits, warnings, triangles: 0, vertices: 0, bytes_left, tangent_pairs: 0 }
     }
 
     /// All meshes; the primitives of those that are `shown`.
@@ -155,6 +159,8 @@ impl<'a> Decoder<'a> {
                 format!("with this primitive the scene has more triangles than the limit of {}", self.limits.triangles);
             return Err(SceneError::too_large("triangles", place, detail));
         }
+        let pointer = indices.as_ref().map_or(place, |indices| &indices.pointer).to_owned();
+        self.charge_bytes((mode.triangles(count) * size_of::<[u32; 3]>()) as u64, count, &pointer)?;
         let indices = indices.map(|indices| indices.integers()).transpose()?;
         let mut triangles = triangles::list(mode, count, indices.as_deref());
         let selection = triangles::compact(&mut triangles, vertices);
@@ -172,6 +178,19 @@ impl<'a> Decoder<'a> {
         Err(SceneError::too_large("vertices", place, detail))
     }
 
+    fn charge_bytes(&mut self, bytes: u64, count: usize, pointer: &str) -> Result<(), SceneError> {
+        let left = self.bytes_left.checked_sub(bytes).ok_or_else(|| {
+            let detail = format!(
+                "with the {count} elements here, triangles and vertices take far more memory than the file has bytes: is an \
+                 accessor's `count` right, or is its `bufferView` missing? (limit decompressed_bytes, and {} per byte of the file)",
+                self.limits.decoded_ratio
+            );
+            SceneError::too_large("decoded_bytes", pointer, detail)
+        })?;
+        self.bytes_left = left;
+        Ok(())
+    }
+
     /// An attribute, all of it finite; missing components are 1.
     fn read<T: From<[f32; N]>, const N: usize>(
         &mut self,
@@ -186,6 +205,8 @@ impl<'a> Decoder<'a> {
             // It is read as a whole all the same.
             self.charge_vertices(accessor.count, place)?;
         }
+        let count = selection.filter(|_| !accessor.is_sparse()).map_or(accessor.count, <[u32]>::len);
+        self.charge_bytes((count * size_of::<[f32; N]>()) as u64, accessor.count, &accessor.pointer)?;
         let numbers = accessor.numbers::<N>(selection, 1.0)?;
         if let Some(vertex) = numbers.iter().position(|vertex| vertex.iter().any(|x| !x.is_finite())) {
             let vertex =

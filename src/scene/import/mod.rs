@@ -53,7 +53,7 @@ pub fn import(package: &Package, limits: &Limits) -> Result<Scene, SceneError> {
     let textures = textures::read(&root, &mut warnings)?;
     let materials = read_materials(&root, &textures, &mut warnings)?;
     let shown = shown_meshes(&root, &hierarchy);
-    let meshes = Decoder::new(&data, &materials, limits, &mut warnings).meshes(&shown)?;
+    let meshes = Decoder::new(&data, &materials, limits, package.bytes(), &mut warnings).meshes(&shown)?;
     let drawn = meshes.iter().flat_map(|mesh| &mesh.primitives);
     let images =
         textures::images(&data, package, &used_images(drawn, &materials, &textures, root.images.len()), limits)?;

@@ -21,6 +21,9 @@ pub(super) fn inflate(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<String, 
         let detail = format!("the zip has {} entries, more than the limit of {}", archive.len(), limits.zip_entries);
         return Err(SceneError::too_large("zip_entries", "", detail));
     }
+    if archive.has_duplicate_names() {
+        return Err(duplicate("two entries of the zip have the same name; give each file its own"));
+    }
     let mut files = BTreeMap::new();
     let mut left = limits.bytes;
     for index in 0..archive.len() {
@@ -35,10 +38,13 @@ pub(super) fn inflate(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<String, 
         // One byte more than allowed tells "full" from "too much".
         let read = entry.by_ref().take(allowed.saturating_add(1)).read_to_end(&mut content);
         if content.len() as u64 > allowed {
-            return Err(too_much(&name, left, limits));
+            return Err(too_much(&name, allowed == left, limits));
         }
         read.map_err(|error| broken(&format!("entry `{name}`"), &error))?;
         left -= content.len() as u64;
+        if files.contains_key(&name) {
+            return Err(duplicate(&format!("two entries of the zip are called `{name}`; give each file its own name")));
+        }
         files.insert(name, content.into());
     }
     Ok(files)
@@ -48,12 +54,25 @@ fn broken(what: &str, error: &dyn std::fmt::Display) -> SceneError {
     SceneError::malformed("zip_broken", format!("the zip cannot be read ({what}): {error}"))
 }
 
-fn too_much(name: &str, left: u64, limits: &Limits) -> SceneError {
-    let detail = format!(
-        "entry `{name}` of the zip inflates to more than is left of the {} bytes allowed ({left}) or to more than {} times \
-         its compressed size; send the files as parts of a form, or fewer of them",
-        limits.bytes, limits.zip_ratio
-    );
+fn duplicate(detail: &str) -> SceneError {
+    SceneError::malformed("part_duplicate", detail)
+}
+
+/// `in_all`: the bytes of all entries together are too many, rather than those of this one for its packed size.
+fn too_much(name: &str, in_all: bool, limits: &Limits) -> SceneError {
+    let detail = if in_all {
+        format!(
+            "with entry `{name}` the zip inflates to more than the {} bytes allowed (limit decompressed_bytes); leave out \
+             what the scene does not need",
+            limits.bytes
+        )
+    } else {
+        format!(
+            "entry `{name}` of the zip inflates to more than {} times its packed size (limit decompression_ratio); pass \
+             this file unpacked",
+            limits.zip_ratio
+        )
+    };
     SceneError::too_large("zip_inflated", "", detail)
 }
 
@@ -88,12 +107,27 @@ mod tests {
         let zeros = vec![0; 32 << 20];
         let error = Package::from_bytes(zip(&[("a.gltf", &zeros)]), &limits).unwrap_err();
         assert_eq!((error.kind, error.code), (SceneErrorKind::TooLarge, "zip_inflated"), "by ratio");
+        assert!(error.detail.contains("decompression_ratio"), "{error}");
         let limits = Limits { bytes: 1000, ..Limits::default() };
         let two = zip(&[("a.gltf", &[1; 600]), ("b.bin", &[1; 600])]);
-        assert_eq!(Package::from_bytes(two, &limits).unwrap_err().code, "zip_inflated", "by total");
+        let error = Package::from_bytes(two, &limits).unwrap_err();
+        assert_eq!(error.code, "zip_inflated", "by total");
+        assert!(error.detail.contains("decompressed_bytes"), "{error}");
         let limits = Limits { zip_entries: 1, ..Limits::default() };
         let two = zip(&[("a.gltf", b""), ("b.bin", b"")]);
         assert_eq!(Package::from_bytes(two, &limits).unwrap_err().code, "zip_entries");
+    }
+
+    #[test]
+    fn each_entry_has_its_own_name() {
+        // The writer refuses this, so it is forged: in headers and directory alike.
+        let mut bytes = zip(&[("a.gltf", b"{}"), ("b.gltf", b"{}")]);
+        while let Some(place) = bytes.windows(6).position(|name| name == b"b.gltf") {
+            bytes[place] = b'a';
+        }
+        assert_eq!(Package::from_bytes(bytes, &Limits::default()).unwrap_err().code, "part_duplicate");
+        let slashes = zip(&[("m/a.gltf", b"{}"), ("m\\a.gltf", b"{}")]);
+        assert_eq!(Package::from_bytes(slashes, &Limits::default()).unwrap_err().code, "part_duplicate");
     }
 
     #[test]

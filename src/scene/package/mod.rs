@@ -37,7 +37,7 @@ impl Package {
         let mut files = BTreeMap::new();
         for (name, bytes) in parts {
             if files.insert(name.clone(), Arc::from(bytes)).is_some() {
-                let detail = format!("two parts have the file name `{name}`; give each file its own name");
+                let detail = format!("two files have the name `{name}`; give each its own");
                 return Err(SceneError::malformed("part_duplicate", detail));
             }
         }
@@ -74,6 +74,16 @@ impl Package {
     /// The glTF's bytes.
     pub fn root(&self) -> &[u8] {
         self.files.get(&self.root).map_or(&[], |bytes| bytes)
+    }
+
+    /// Bytes of all files.
+    pub fn bytes(&self) -> u64 {
+        self.files.values().map(|bytes| bytes.len() as u64).sum()
+    }
+
+    /// Whether [`Package::from_parts`] would unpack this.
+    pub fn is_packed(parts: &[(String, Vec<u8>)]) -> bool {
+        matches!(parts, [(_, bytes)] if archive::is_zip(bytes))
     }
 
     /// All files, sorted by name; [`Package::from_parts`] makes the same package of them again.
