@@ -159,7 +159,7 @@ fn samples(bsdf: &dyn Bsdf, m: &Material, angle: f64, verdict: &mut Verdict) {
     let p = test_density(&points, HEMISPHERE, |leaf| integrate(&density, *leaf, 1e-4, LEAST));
     verdict.probability(case.clone(), p);
     let off = draws.iter().flatten().map(|(w, got)| difference(*got, of_direction(w.normalize())));
-    verdict.deviation(format!("{case}, density"), off.fold(0.0, f64::max), tolerance(m.roughness));
+    verdict.deviation(format!("{case}, density"), off, tolerance(m.roughness));
 }
 
 /// Relative, but for values so small that no light depends on them: what f32 keeps of them is what it keeps of 1.
@@ -180,10 +180,10 @@ fn cancellation(roughness: f64) -> f64 {
 /// Values and densities against the formulas, for random pairs of directions.
 fn values(bsdf: &dyn Bsdf, m: &Material, verdict: &mut Verdict) {
     let pairs = pairs(3);
-    let (mut value, mut density) = (0.0f64, 0.0f64);
+    let (mut value, mut density) = (Vec::new(), Vec::new());
     for ([wo, wi], got) in pairs.iter().zip(bsdf.values(m, &pairs)) {
-        value = value.max(difference(got[0], m.value(*wo, *wi)));
-        density = density.max(difference(got[1], m.density(*wo)(*wi)));
+        value.push(difference(got[0], m.value(*wo, *wi)));
+        density.push(difference(got[1], m.density(*wo)(*wi)));
     }
     verdict.deviation(format!("{}, value", name(m)), value, tolerance(m.roughness) + cancellation(m.roughness));
     verdict.deviation(format!("{}, density", name(m)), density, tolerance(m.roughness));
@@ -199,7 +199,7 @@ fn reciprocity(bsdf: &dyn Bsdf, m: &Material, verdict: &mut Verdict) {
         .iter()
         .zip(there.iter().zip(&back))
         .map(|([wo, wi], (there, back))| difference(there[0] / wi.z, back[0] / wo.z));
-    verdict.deviation(format!("{}, reciprocity", name(m)), off.fold(0.0, f64::max), 1e-4);
+    verdict.deviation(format!("{}, reciprocity", name(m)), off, 1e-4);
 }
 
 /// Half of them anywhere, half of them near each other's mirror direction. Rounded as the shader gets them.
@@ -240,7 +240,7 @@ fn furnace(bsdf: &dyn Bsdf, roughnesses: &[f64]) -> Verdict {
                     let case = format!("{}, {angle} degrees: {mean:.5} for {expected:.5}", name(&m));
                     // Between the entries of the albedo table; docs/accuracy.md lists these.
                     let allowed = if angle > 88.0 && roughness < 0.2 { 2e-3 } else { 1e-3 };
-                    verdict.deviation(case, off, allowed);
+                    verdict.deviation(case, [off], allowed);
                 }
             }
         }
@@ -323,7 +323,7 @@ fn albedo_table() {
             for (what, k) in [("E", 0), ("B", 1)] {
                 let off = (exact[k] - table[k]).abs();
                 let allowed = if angle < 85.0 { 5e-4 } else { 5e-3 };
-                verdict.deviation(format!("{what}, roughness {roughness}, {angle} degrees"), off, allowed);
+                verdict.deviation(format!("{what}, roughness {roughness}, {angle} degrees"), [off], allowed);
             }
         }
     }

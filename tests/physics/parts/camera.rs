@@ -17,8 +17,11 @@ const DRAWS: usize = 1 << 19;
 /// Equally probable parts of a filter.
 const PARTS: usize = 256;
 
+/// Probability of an offset below this one.
+type Distribution = fn(f64) -> f64;
+
 /// The filters with the distribution functions of their shapes over [-1, 1] (docs/api.md names them).
-const FILTERS: [(FilterKind, fn(f64) -> f64); 4] = [
+const FILTERS: [(FilterKind, Distribution); 4] = [
     (FilterKind::Box, |x| 0.5 + 0.5 * x),
     (FilterKind::Triangle, |x| 0.5 + x - 0.5 * x * x.abs()),
     (FilterKind::Gaussian, |x| 0.5 + 0.5 * gaussian_half(x.abs()).copysign(x) / gaussian_half(1.0)),
@@ -119,7 +122,7 @@ fn lens(camera: &dyn Camera) -> Verdict {
     let unit = |[x, y]: &[f64; 2]| [x * x + y * y, y.atan2(*x).rem_euclid(TAU) / TAU];
     let mapped: Vec<_> = points.iter().map(unit).collect();
     verdict.probability("disk".into(), test_uniform(&mapped, 32));
-    let outside = mapped.iter().map(|[squared, _]| squared - 1.0).fold(0.0, f64::max);
+    let outside = mapped.iter().map(|[squared, _]| squared - 1.0);
     verdict.deviation("disk, beyond its edge".into(), outside, 1e-6);
     verdict
 }
@@ -129,10 +132,10 @@ fn filters(camera: &dyn Camera) -> Verdict {
     let mut verdict = Verdict::new("pixel filters", camera.engine());
     for (kind, distribution) in FILTERS {
         let mut observed = vec![0.0; PARTS];
-        let mut off = 0.0f64;
+        let mut off = Vec::new();
         for [u, x] in camera.filter(kind) {
             observed[((distribution(x) * PARTS as f64) as usize).min(PARTS - 1)] += 1.0;
-            off = off.max((distribution(x) - u).abs());
+            off.push((distribution(x) - u).abs());
         }
         let expected = vec![DRAWS as f64 / PARTS as f64; PARTS];
         verdict.probability(format!("{kind:?}"), chi_square(&observed, &expected));

@@ -114,7 +114,7 @@ fn stratification(numbers: &dyn Numbers, verdict: &mut Verdict) {
             broken += u32::from(!(0..=POINTS).all(|m| points.chunks_exact(1 << m).all(|net| is_net(net, m))));
         }
     }
-    verdict.deviation(format!("of {SEQUENCES} sequences not stratified"), f64::from(broken), 0.0);
+    verdict.deviation(format!("of {SEQUENCES} sequences not stratified"), [f64::from(broken)], 0.0);
 }
 
 fn sequence(random: &mut Random) -> impl Iterator<Item = Place> + use<> {
@@ -135,8 +135,11 @@ fn is_net(points: &[[f64; 2]], m: u32) -> bool {
     })
 }
 
+/// From one place to another.
+type Neighbour = fn(Place) -> Place;
+
 /// Pairs of numbers that must not know of each other: the place of the second as a function of the first's.
-const NEIGHBOURS: [(&str, fn(Place) -> Place); 8] = [
+const NEIGHBOURS: [(&str, Neighbour); 8] = [
     ("pixel to the right", |p| Place { pixel: p.pixel + 1, ..p }),
     ("pixel below", |p| Place { pixel: p.pixel + 1024, ..p }),
     ("next replicate", |p| Place { replicate: p.replicate + 1, ..p }),
@@ -196,7 +199,7 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 fn hashes(numbers: &dyn Numbers, verdict: &mut Verdict) {
     let here = raster();
     let values = numbers.hashes(&here);
-    let more: [(&str, fn(Place) -> Place); 2] = [
+    let more: [(&str, Neighbour); 2] = [
         ("next sample", |p| Place { sample: p.sample + 1, ..p }),
         ("key of the shadow ray", |p| Place { dimension: p.dimension + 2, ..p }),
     ];

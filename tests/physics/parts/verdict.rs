@@ -38,16 +38,17 @@ impl Verdict {
         self.probabilities.push((case, p));
     }
 
-    /// Adds a deviation from what is right, which must be at most `allowed`.
-    pub fn deviation(&mut self, case: String, found: f64, allowed: f64) {
-        self.deviations.push((case, found, allowed));
+    /// Adds deviations from what is right, all of which must be at most `allowed`. One that is not a number is the worst.
+    pub fn deviation(&mut self, case: String, found: impl IntoIterator<Item = f64>, allowed: f64) {
+        let worse = |worst: f64, x: f64| if x > worst || x.is_nan() { x } else { worst };
+        self.deviations.push((case, found.into_iter().fold(0.0, worse), allowed));
     }
 
     /// What failed, a line each.
     pub fn failures(&self) -> Vec<String> {
         let level = level();
-        let improbable = self.probabilities.iter().filter(|(_, p)| !(*p >= level));
-        let off = self.deviations.iter().filter(|(_, found, allowed)| !(found <= allowed));
+        let improbable = self.probabilities.iter().filter(|(_, p)| p.is_nan() || *p < level);
+        let off = self.deviations.iter().filter(|(_, found, allowed)| found.is_nan() || found > allowed);
         improbable
             .map(|(case, p)| format!("{case}: p = {p:.1e}, below {level:.1e}"))
             .chain(off.map(|(case, found, allowed)| format!("{case}: off by {found:.2e}, {allowed:.0e} allowed")))
