@@ -64,7 +64,7 @@ fn neutral_light_comes_only_when_nothing_shines() {
     let dark = triangle_with(Material::default());
     let (_, lighting, defaults) = lit(&dark, &RenderParams::default());
     assert!(matches!(lighting.environment.kind, EnvironmentKind::Gradient { top, bottom, .. } if top.y > bottom.y));
-    assert_eq!((lighting.environment_probability, defaults), (1.0, 1));
+    assert_eq!((lighting.environment_probability, defaults), (0.0, 1));
     let (_, lighting, _) = lit(&glowing(), &RenderParams::default());
     assert!(matches!(lighting.environment.kind, EnvironmentKind::None));
     assert_eq!((lighting.environment_probability, lighting.picks.len()), (0.0, 1));
@@ -76,7 +76,7 @@ fn neutral_light_comes_only_when_nothing_shines() {
     assert!(matches!(lighting.environment.kind, EnvironmentKind::None) && lighting.picks.is_empty() && defaults == 0);
     let ambient = vec![LightParams::Ambient { color: [1.0, 0.5, 0.25], intensity: 2.0 }];
     let (_, lighting, _) = lit(&dark, &RenderParams { lights: ambient, ..RenderParams::default() });
-    assert_eq!((lighting.environment.ambient, lighting.environment_probability), (Vec3::new(2.0, 1.0, 0.5), 1.0));
+    assert_eq!((lighting.environment.ambient, lighting.environment_probability), (Vec3::new(2.0, 1.0, 0.5), 0.0));
     assert!(matches!(lighting.environment.kind, EnvironmentKind::None));
 }
 
