@@ -103,8 +103,7 @@ pub fn compare(engines: &mut Engines, works: [Work; 2], size: Size) -> Result<Ve
             let mut work = work.clone();
             work.settings.seed = 1 + 2 * batch + which as u32;
             let rendered = render_to_end(engines, work, &mut |_| {})?;
-            non_finite.nan += rendered.non_finite.nan;
-            non_finite.infinite += rendered.non_finite.infinite;
+            non_finite = non_finite.and(rendered.non_finite);
             let pixels = rendered.film.picture().pixels;
             let values: Vec<f64> = pixels.iter().flat_map(|p| p.map(f64::from)).collect();
             // A last value for the whole picture.

@@ -115,6 +115,13 @@ pub struct NonFinite {
     pub infinite: u64,
 }
 
+impl NonFinite {
+    /// Those of both.
+    pub fn and(self, other: Self) -> Self {
+        Self { nan: self.nan + other.nan, infinite: self.infinite + other.infinite }
+    }
+}
+
 /// What traces.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct DeviceInfo {

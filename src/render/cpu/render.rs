@@ -52,7 +52,8 @@ impl CpuRender {
 
     /// Begins the pass that is due, or says why there is none.
     fn next_pass(&mut self) -> Option<StopReason> {
-        (self.pass, self.sums) = (Pass::new(), Vec::new());
+        self.pass.clear();
+        self.sums.clear();
         match self.schedule.next(&self.film, self.tracing) {
             ControlFlow::Break(reason) => return Some(reason),
             ControlFlow::Continue(pass) => self.pass = pass,
@@ -65,11 +66,11 @@ impl CpuRender {
         self.sums.len() / TILE_PIXELS
     }
 
-    /// Sums of an entry, lane by lane, and what was dropped.
-    fn trace(&self, entry: TileSamples) -> (Vec<[f32; 4]>, NonFinite) {
+    /// Sums of an entry, lane by lane; returns what was dropped.
+    fn trace(&self, entry: TileSamples, lanes: &mut [[f32; 4]]) -> NonFinite {
         let mut dropped = NonFinite::default();
-        let lane = |lane: u32| {
-            let Some((x, y)) = self.film.tiles().pixel(entry.tile, lane) else { return [0.0; 4] };
+        for (lane, place) in (0..).zip(lanes) {
+            let Some((x, y)) = self.film.tiles().pixel(entry.tile, lane) else { continue };
             let pixel = y * self.film.width() + x;
             let mut sum = DVec4::ZERO;
             for sample in entry.first..entry.first + entry.samples {
@@ -81,9 +82,9 @@ impl CpuRender {
                     _ => dropped.infinite += 1,
                 }
             }
-            sum.as_vec4().to_array()
-        };
-        ((0..TILE_PIXELS as u32).map(lane).collect(), dropped)
+            *place = sum.as_vec4().to_array();
+        }
+        dropped
     }
 }
 
@@ -99,14 +100,14 @@ impl Render for CpuRender {
         {
             return Ok(Some(reason));
         }
-        let entries = &self.pass[self.done()..];
-        let (count, paths) = self.slice.take(entries);
-        let traced: Vec<_> = entries[..count as usize].par_iter().map(|&entry| self.trace(entry)).collect();
-        for (sums, dropped) in traced {
-            self.sums.extend(sums);
-            self.non_finite.nan += dropped.nan;
-            self.non_finite.infinite += dropped.infinite;
-        }
+        let done = self.done();
+        let (count, paths) = self.slice.take(&self.pass[done..]);
+        let mut sums = std::mem::take(&mut self.sums);
+        sums.resize((done + count as usize) * TILE_PIXELS, [0.0; 4]);
+        let places = sums[done * TILE_PIXELS..].par_chunks_exact_mut(TILE_PIXELS);
+        let traced = places.zip(&self.pass[done..]).map(|(lanes, &entry)| self.trace(entry, lanes));
+        let dropped = traced.reduce(NonFinite::default, NonFinite::and);
+        (self.sums, self.non_finite) = (sums, self.non_finite.and(dropped));
         self.slice.learn(paths, begun.elapsed());
         if self.done() < self.pass.len() {
             self.tracing += begun.elapsed();

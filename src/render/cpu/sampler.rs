@@ -53,7 +53,7 @@ impl Sampler {
 
     /// A point in (0, 1)^2.
     pub fn pair(&self, dimension: Dimension) -> [f64; 2] {
-        let key = mix(self.stream ^ mix(dimension.index()));
+        let key = mix(self.stream.wrapping_add(dimension.index().wrapping_mul(0xd134_2543_de82_ef95)));
         if !self.sobol {
             let numbers = mix(key ^ mix(u64::from(self.sample)));
             return [numbers as u32, (numbers >> 32) as u32].map(unit);
