@@ -11,14 +11,23 @@ use std::time::Instant;
 /// Least growth of the samples between two looks at the error.
 const GROWTH: f64 = 1.05;
 
-/// Runs `rounds` seeds of each case, uniform and adaptive in turns slice by slice, up to `samples` per pixel, and writes the table.
-/// `choice`: the engine; `peers`: a folder with `cases` of other renderers' pictures, if there is one.
+/// Runs `rounds` seeds of each case, uniform and adaptive in turns slice by slice, up to `samples` per pixel, and writes
+/// the table. `choice`: the engine; `peers`: a folder with `cases` of other renderers' pictures, if there is one;
+/// `scenes`: words, one of which a scene's name must have, or none.
 ///
 /// # Errors
 /// No adapter, a device fault, or a case that cannot be read.
-pub fn run(choice: EngineChoice, rounds: u32, samples: u32, peers: Option<&Path>, out: &mut dyn Write) -> Result<()> {
+pub fn run(
+    choice: EngineChoice,
+    rounds: u32,
+    samples: u32,
+    peers: Option<&Path>,
+    scenes: &[String],
+    out: &mut dyn Write,
+) -> Result<()> {
     let mut engine = Engines::new();
     let mut cases = cases::all(256, samples, peers)?;
+    cases.retain(|(name, _)| scenes.is_empty() || scenes.iter().any(|word| name.contains(word.as_str())));
     for (_, work) in &mut cases {
         work.settings.engine = choice;
     }

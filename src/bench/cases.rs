@@ -79,10 +79,16 @@ struct PeerEnvironment {
 }
 
 fn peer_cases(folder: &Path, side: u32, samples: u32) -> Result<Vec<(String, Work)>> {
-    ["cornell", "helmet", "grid", "bigmesh"]
-        .map(|name| peer_case(&folder.join("cases"), name, side, samples))
-        .into_iter()
-        .collect()
+    let cases = folder.join("cases");
+    let mut found = Vec::new();
+    for name in ["cornell", "helmet", "grid", "bigmesh"] {
+        if folder.join("glb").join(format!("{name}.glb")).exists() {
+            found.push(peer_case(&cases, name, side, samples)?);
+        } else {
+            eprintln!("SKIPPED: the peers' {name}; its GLB is not there");
+        }
+    }
+    Ok(found)
 }
 
 fn peer_case(folder: &Path, name: &str, side: u32, samples: u32) -> Result<(String, Work)> {

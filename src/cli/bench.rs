@@ -59,6 +59,9 @@ enum What {
         /// Folder with `cases` that other renderers were given.
         #[arg(long, value_name = "FOLDER")]
         peers: Option<PathBuf>,
+        /// Only scenes whose names have one of these words.
+        #[arg(long, value_delimiter = ',', value_name = "WORD")]
+        scenes: Vec<String>,
     },
     /// Whether stated errors are true: many renders against references of many samples.
     Coverage {
@@ -142,8 +145,8 @@ fn measure(what: &What) -> Result<()> {
             let size = bench::agreement::Size { side: *side, samples: *samples, batches: *batches };
             bench::agreement::run(scenes, &params, size, &mut out)?;
         }
-        What::Adaptive { rounds, samples, engine, peers } => {
-            bench::adaptive::run(*engine, *rounds, *samples, peers.as_deref(), &mut out)?;
+        What::Adaptive { rounds, samples, engine, peers, scenes } => {
+            bench::adaptive::run(*engine, *rounds, *samples, peers.as_deref(), scenes, &mut out)?;
         }
         What::Coverage { renders, reference, engine, peers } => {
             bench::coverage::run(*engine, *renders, *reference, peers.as_deref(), &mut out)?;
