@@ -30,7 +30,7 @@ pub struct Integrator {
 
 /// A point where light is scattered, seen from where the path came.
 struct Vertex<'a> {
-    surface: Surface<'a>,
+    surface: &'a Surface<'a>,
     bsdf: Bsdf,
     /// From the shading frame to the world.
     frame: DMat3,
@@ -65,11 +65,7 @@ impl Integrator {
     pub fn sample(&self, x: u32, y: u32, sampler: &Sampler) -> DVec4 {
         let ray = self.camera.ray(x, y, sampler);
         let mut path = Path { ray, throughput: DVec3::ONE, radiance: DVec3::ZERO, bounce: 0, pdf: None };
-        let seen = self.camera_hit(&mut path, sampler);
-        let coverage = seen.is_some();
-        if let Some((hit, surface)) = seen {
-            self.follow(&mut path, hit, surface, sampler);
-        }
+        let coverage = self.follow(&mut path, sampler);
         let view = &self.work.view;
         if !coverage && !view.transparent && self.work.lighting.environment.visible {
             path.radiance += environment::radiance(&self.work.lighting.environment, path.ray.direction);
@@ -77,49 +73,44 @@ impl Integrator {
         path.radiance.extend(f64::from(u8::from(coverage || !view.transparent)))
     }
 
-    /// What the camera sees: the backs of one-sided surfaces are passed (glTF 2.0, 3.9.6).
-    fn camera_hit(&self, path: &mut Path, sampler: &Sampler) -> Option<(Hit, Surface<'_>)> {
-        loop {
-            let hit = self.closest(path, sampler)?;
+    /// From the camera to the path's end; whether the camera sees a surface.
+    fn follow(&self, path: &mut Path, sampler: &Sampler) -> bool {
+        let mut seen = false;
+        while let Some(hit) = self.closest(path, sampler) {
             let surface = Surface::new(&self.work.scene, &hit, path.ray.direction);
-            if !surface.back || surface.material.flags & Material::DOUBLE_SIDED != 0 {
-                return Some((hit, surface));
+            if !seen && surface.back && surface.material.flags & Material::DOUBLE_SIDED == 0 {
+                // The camera does not see the backs of one-sided surfaces (glTF 2.0, 3.9.6).
+                path.ray.origin = surface.leave(path.ray.direction);
+                path.ray.ends[0] = surface.primitive;
+                continue;
             }
-            path.ray.origin = surface.leave(path.ray.direction);
-            path.ray.ends[0] = surface.primitive;
-        }
-    }
-
-    /// From the first surface on.
-    fn follow<'a>(&'a self, path: &mut Path, mut hit: Hit, mut surface: Surface<'a>, sampler: &Sampler) {
-        loop {
-            if surface.material.flags & Material::UNLIT != 0 {
-                path.radiance += path.throughput * surface.base_color().truncate();
-                return;
-            }
-            path.radiance += path.throughput * self.emission(path, &surface, &hit);
-            if path.bounce >= self.work.settings.max_bounces.unwrap_or(u32::MAX) {
-                return;
-            }
-            let vertex = self.vertex(surface, path);
-            path.radiance += path.throughput * self.direct_light(&vertex, sampler);
-            if !self.scatter(&vertex, path, sampler) {
-                return;
-            }
-            match self.closest(path, sampler) {
-                Some(next) => {
-                    hit = next;
-                    surface = Surface::new(&self.work.scene, &hit, path.ray.direction);
-                }
-                None => {
-                    path.radiance += path.throughput * self.distant(path);
-                    return;
-                }
+            seen = true;
+            if !self.interact(path, &surface, &hit, sampler) {
+                return true;
             }
         }
+        if seen {
+            path.radiance += path.throughput * self.distant(path);
+        }
+        seen
     }
 
-    fn vertex<'a>(&self, surface: Surface<'a>, path: &Path) -> Vertex<'a> {
+    /// Takes up the light that a surface sends along the path, and turns the path to where it goes on; false: it ends.
+    fn interact(&self, path: &mut Path, surface: &Surface, hit: &Hit, sampler: &Sampler) -> bool {
+        if surface.material.flags & Material::UNLIT != 0 {
+            path.radiance += path.throughput * surface.base_color().truncate();
+            return false;
+        }
+        path.radiance += path.throughput * self.emission(path, surface, hit);
+        if path.bounce >= self.work.settings.max_bounces.unwrap_or(u32::MAX) {
+            return false;
+        }
+        let vertex = self.vertex(surface, path);
+        path.radiance += path.throughput * self.direct_light(&vertex, sampler);
+        self.scatter(&vertex, path, sampler)
+    }
+
+    fn vertex<'a>(&self, surface: &'a Surface, path: &Path) -> Vertex<'a> {
         let z = surface.shading_normal;
         let (x, y) = z.any_orthonormal_pair();
         let frame = DMat3::from_cols(x, y, z);
@@ -235,10 +226,10 @@ impl Integrator {
         let probability = self.lights.probability(lighting, index) * (1.0 - share);
         let pick = &lighting.picks[index];
         Some(if index < lighting.lights.len() {
-            let light = light::from_punctual(&lighting.lights[pick.index as usize], &vertex.surface);
+            let light = light::from_punctual(&lighting.lights[pick.index as usize], vertex.surface);
             LightSample { weight: light.weight / probability, ..light }
         } else {
-            light::from_emitter(&self.work.scene, pick, probability, &vertex.surface, u)
+            light::from_emitter(&self.work.scene, pick, probability, vertex.surface, u)
         })
     }
 

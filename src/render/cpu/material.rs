@@ -5,14 +5,14 @@
 //! more than once (Kulla and Conty 2017); a Lambert base that gets what the dielectric interface lets through on the way in and on
 //! the way out (Kelemen and Szirmay-Kalos 2001).
 
-use super::sampling::cosine_hemisphere;
+use super::sampling::{concentric_disk, cosine_hemisphere};
 use crate::compile::features::MIRROR_ROUGHNESS;
-use crate::render::albedo::{AlbedoTable, TABLE_WIDTH, albedo_table};
-use glam::{DVec2, DVec3};
+use crate::render::albedo::{TABLE_WIDTH, albedo_table};
+use glam::DVec3;
 use std::f64::consts::{FRAC_1_PI, PI};
 
 /// Normal-incidence reflectance of a dielectric of index 1.5.
-const DIELECTRIC: DVec3 = DVec3::splat(0.04);
+const DIELECTRIC: f64 = 0.04;
 
 /// What a material is made of at one point.
 #[derive(Debug, Clone, Copy)]
@@ -42,10 +42,24 @@ pub struct Bsdf {
     wo: DVec3,
     /// Width of the GGX distribution; 0: a mirror.
     alpha: f64,
+    /// Reflectance of the facets at normal incidence.
+    f0: DVec3,
     towards: Albedo,
-    mean: Albedo,
+    below: Below,
     /// Probability of sampling the facet lobe.
     facets: f64,
+}
+
+/// What is scattered otherwise than by one facet, from any direction towards the viewer: all but what depends on where
+/// the light comes from.
+#[derive(Debug, Clone, Copy)]
+struct Below {
+    /// Reflectance of the Lambert base, times what the interface lets out, over what it lets through in the mean.
+    base: DVec3,
+    /// Reflectance by several facets, over the part that the mean loses.
+    between: DVec3,
+    /// Part of what facets lose that the dielectric interface keeps from the base.
+    kept: f64,
 }
 
 /// A direction that light is scattered from.
@@ -71,13 +85,16 @@ impl Bsdf {
     pub fn new(layers: Layers, model: Model, wo: DVec3) -> Self {
         let mirror = layers.roughness < f64::from(MIRROR_ROUGHNESS);
         let alpha = if mirror { 0.0 } else { layers.roughness * layers.roughness };
+        let base = layers.color * (1.0 - layers.metallic);
+        let f0 = DVec3::splat(DIELECTRIC).lerp(layers.color, layers.metallic);
+        let below = Below { base, between: DVec3::ZERO, kept: 0.0 };
         let none = Albedo { single: 0.0, grazing: 0.0 };
-        let mut bsdf = Self { layers, model, wo, alpha, towards: none, mean: none, facets: 0.0 };
+        let mut bsdf = Self { layers, model, wo, alpha, f0, towards: none, below, facets: 0.0 };
         if model.specular {
             bsdf.towards = Albedo::towards(wo.z, layers.roughness);
-            bsdf.mean = Albedo::mean(layers.roughness);
-            let facets = luminance(bsdf.towards.with_fresnel(bsdf.f0()));
-            let rest = luminance(bsdf.base() * (1.0 - bsdf.interface(bsdf.towards)) + bsdf.lost(bsdf.towards));
+            let rest;
+            (bsdf.below, rest) = bsdf.below_facets(base);
+            let (facets, rest) = (luminance(bsdf.towards.with_fresnel(f0)), luminance(rest));
             bsdf.facets = if facets + rest > 0.0 { facets / (facets + rest) } else { 0.0 };
         }
         bsdf
@@ -94,7 +111,7 @@ impl Bsdf {
         if self.model.specular && self.alpha > 0.0 {
             let h = (self.wo + wi).normalize();
             let normals = self.distribution(h);
-            let fresnel = schlick(self.f0(), self.wo.dot(h));
+            let fresnel = schlick(self.f0, self.wo.dot(h));
             // D F G2 / (4 cos cos) times cos; D G1 / (4 cos), the density of reflected visible normals (Heitz 2018, eq. 3, 17).
             value += fresnel * (normals * self.masking_both(wi.z) / (4.0 * self.wo.z));
             pdf += self.facets * normals * self.masking(self.wo.z) / (4.0 * self.wo.z);
@@ -108,7 +125,7 @@ impl Bsdf {
             return self.scattered(cosine_hemisphere(u));
         }
         if self.alpha == 0.0 {
-            let weight = schlick(self.f0(), self.wo.z) / self.facets;
+            let weight = schlick(self.f0, self.wo.z) / self.facets;
             let wi = DVec3::new(-self.wo.x, -self.wo.y, self.wo.z);
             return (wi.z > 0.0).then_some(Scattered { wi, weight, pdf: None });
         }
@@ -118,11 +135,12 @@ impl Bsdf {
 
     /// Part of the light of a uniform surrounding that is reflected, mirrors left out.
     pub fn albedo(&self) -> DVec3 {
+        let base = self.layers.color * (1.0 - self.layers.metallic);
         if !self.model.specular {
-            return self.base();
+            return base;
         }
-        let base = self.base() * (1.0 - self.interface(self.towards));
-        if self.alpha == 0.0 { base } else { base + self.towards.with_fresnel(self.f0()) + self.lost(self.towards) }
+        let (_, rest) = self.below_facets(base);
+        if self.alpha == 0.0 { rest } else { rest + self.towards.with_fresnel(self.f0) }
     }
 
     fn scattered(&self, wi: DVec3) -> Option<Scattered> {
@@ -130,49 +148,38 @@ impl Bsdf {
         (pdf > 0.0).then(|| Scattered { wi, weight: value / pdf, pdf: Some(pdf) })
     }
 
-    /// Reflectance of the Lambert base.
-    fn base(&self) -> DVec3 {
-        self.layers.color * (1.0 - self.layers.metallic)
-    }
-
-    /// Reflectance at normal incidence.
-    fn f0(&self) -> DVec3 {
-        DIELECTRIC.lerp(self.layers.color, self.layers.metallic)
+    /// What is below single facets, and its part of the light of a uniform surrounding.
+    fn below_facets(&self, base: DVec3) -> (Below, DVec3) {
+        let towards = self.towards;
+        if !self.model.multiple_scattering {
+            return (Below { base, between: DVec3::ZERO, kept: 0.0 }, base * (1.0 - towards.dielectric()));
+        }
+        let mean = Albedo::mean(self.layers.roughness);
+        let dielectric = between_facets(DVec3::splat(DIELECTRIC), mean.single);
+        let metal = between_facets(self.layers.color, mean.single);
+        let passes = |albedo| passes_interface(albedo, dielectric.x);
+        let base = base * passes(towards);
+        let between = dielectric.lerp(metal, self.layers.metallic) * (1.0 - towards.single);
+        let below = Below {
+            base: base / passes(mean),
+            between: between / (1.0 - mean.single).max(1e-6),
+            kept: dielectric.x,
+        };
+        (below, base + between)
     }
 
     /// The base and what facets scatter more than once, without the cosine.
     fn diffuse(&self, wi: DVec3) -> DVec3 {
+        let Below { base, between, kept } = self.below;
         if !self.model.specular {
-            return self.base() * FRAC_1_PI;
+            return base * FRAC_1_PI;
         }
         if !self.model.multiple_scattering {
             let cos_h = self.wo.dot((self.wo + wi).normalize());
-            return self.base() * (DVec3::ONE - schlick(DIELECTRIC, cos_h)) * FRAC_1_PI;
+            return base * (DVec3::ONE - schlick(DVec3::splat(DIELECTRIC), cos_h)) * FRAC_1_PI;
         }
         let from = Albedo::towards(wi.z, self.layers.roughness);
-        let passes = |albedo| 1.0 - self.interface(albedo);
-        let base = self.base() * (passes(self.towards) * passes(from) / passes(self.mean));
-        let between = self.lost(self.towards) * (1.0 - from.single) / (1.0 - self.mean.single).max(1e-6);
-        (base + between) * FRAC_1_PI
-    }
-
-    /// Energy that leaves towards an albedo's direction after scattering between facets more than once.
-    fn lost(&self, albedo: Albedo) -> DVec3 {
-        if !self.model.multiple_scattering {
-            return DVec3::ZERO;
-        }
-        let dielectric = between_facets(DIELECTRIC, self.mean.single);
-        let metal = between_facets(self.layers.color, self.mean.single);
-        dielectric.lerp(metal, self.layers.metallic) * (1.0 - albedo.single)
-    }
-
-    /// Part of the light that the dielectric interface keeps from the base.
-    fn interface(&self, albedo: Albedo) -> f64 {
-        let once = albedo.with_fresnel(DIELECTRIC).x;
-        if !self.model.multiple_scattering {
-            return once;
-        }
-        once + between_facets(DIELECTRIC, self.mean.single).x * (1.0 - albedo.single)
+        (base * passes_interface(from, kept) + between * (1.0 - from.single)) * FRAC_1_PI
     }
 
     /// GGX (Walter et al. 2007, eq. 33).
@@ -203,7 +210,7 @@ impl Bsdf {
         let flat = stretched.x * stretched.x + stretched.y * stretched.y;
         let across = if flat > 0.0 { DVec3::new(-stretched.y, stretched.x, 0.0) / flat.sqrt() } else { DVec3::X };
         let up = stretched.cross(across);
-        let disk = DVec2::from_angle(2.0 * PI * u[1]) * u[0].sqrt();
+        let disk = concentric_disk(u);
         let s = 0.5 * (1.0 + stretched.z);
         let y = (1.0 - s) * (1.0 - disk.x * disk.x).max(0.0).sqrt() + s * disk.y;
         let z = (1.0 - disk.x * disk.x - y * y).max(0.0).sqrt();
@@ -214,29 +221,21 @@ impl Bsdf {
 
 impl Albedo {
     fn towards(cosine: f64, roughness: f64) -> Self {
-        let last = f64::from(TABLE_WIDTH - 1);
-        Self::interpolated(cosine.clamp(0.0, 1.0).sqrt() * last, |table, column| {
-            let row = roughness * last;
-            let above = row.floor().min(last - 1.0);
-            let at = |row: f64| table.texels[row as usize * TABLE_WIDTH as usize + column].map(f64::from);
-            let (low, high, weight) = (at(above), at(above + 1.0), row - above);
-            std::array::from_fn(|i| low[i] + (high[i] - low[i]) * weight)
-        })
+        let (column, across) = step(cosine.clamp(0.0, 1.0).sqrt());
+        let (row, down) = step(roughness);
+        let above = row * TABLE_WIDTH as usize + column;
+        let below = above + TABLE_WIDTH as usize;
+        let texels = &albedo_table().texels;
+        let [high, low] = [above, below].map(|first| between(texels[first], texels[first + 1], across));
+        Self { single: high[0] + (low[0] - high[0]) * down, grazing: high[1] + (low[1] - high[1]) * down }
     }
 
     /// Cosine-weighted mean over all directions.
     fn mean(roughness: f64) -> Self {
-        let means = (TABLE_WIDTH * TABLE_WIDTH) as usize;
-        Self::interpolated(roughness * f64::from(TABLE_WIDTH - 1), |table, column| {
-            table.texels[means + column].map(f64::from)
-        })
-    }
-
-    fn interpolated(place: f64, entry: impl Fn(&AlbedoTable, usize) -> [f64; 2]) -> Self {
-        let table = albedo_table();
-        let column = place.floor().clamp(0.0, f64::from(TABLE_WIDTH - 2));
-        let (low, high) = (entry(table, column as usize), entry(table, column as usize + 1));
-        let [single, grazing] = std::array::from_fn(|i| low[i] + (high[i] - low[i]) * (place - column));
+        let (row, down) = step(roughness);
+        let first = (TABLE_WIDTH * TABLE_WIDTH) as usize + row;
+        let texels = &albedo_table().texels;
+        let [single, grazing] = between(texels[first], texels[first + 1], down);
         Self { single, grazing }
     }
 
@@ -244,6 +243,29 @@ impl Albedo {
     fn with_fresnel(self, f0: DVec3) -> DVec3 {
         f0 * (self.single - self.grazing) + self.grazing
     }
+
+    /// With that of a dielectric.
+    fn dielectric(self) -> f64 {
+        DIELECTRIC * (self.single - self.grazing) + self.grazing
+    }
+}
+
+/// The entry of a table's row that lies below a number from 0 to 1, but not the last, and how far it is from there to the next.
+fn step(x: f64) -> (usize, f64) {
+    let place = x * f64::from(TABLE_WIDTH - 1);
+    let entry = (place as usize).min(TABLE_WIDTH as usize - 2);
+    (entry, place - entry as f64)
+}
+
+/// Linear between two entries of the table.
+fn between(low: [f32; 2], high: [f32; 2], weight: f64) -> [f64; 2] {
+    std::array::from_fn(|i| f64::from(low[i]) + (f64::from(high[i]) - f64::from(low[i])) * weight)
+}
+
+/// Part of the light that the dielectric interface lets through to the base, or out; `kept`: of what is lost to other facets,
+/// the part that stays out.
+fn passes_interface(albedo: Albedo, kept: f64) -> f64 {
+    1.0 - albedo.dielectric() - kept * (1.0 - albedo.single)
 }
 
 /// Reflectance of what leaves the facets after two or more bounces, relative to a white metal's; `mean`: albedo of one bounce

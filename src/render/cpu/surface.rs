@@ -108,7 +108,7 @@ impl<'a> Surface<'a> {
         if layout.normal != NONE {
             let stored = interpolated::<3>(self.scene, vertices, weights, layout.normal);
             // A mesh without normals stores zeros: it is flat.
-            normal = normal_to_world(instance, DVec3::from(stored)).try_normalize().unwrap_or(flat);
+            normal = normal_to_world(self.scene, instance, DVec3::from(stored)).try_normalize().unwrap_or(flat);
         }
         if self.material.normal_texture.info == NONE {
             return normal;
@@ -148,7 +148,7 @@ impl Place {
         let [a, b, c] = corners(triangle);
         let local = weights.x * a + weights.y * b + weights.z * c;
         let largest = a.abs().max(b.abs()).max(c.abs()).max_element();
-        let normal = normal_to_world(instance, (b - a).cross(c - a)).normalize();
+        let normal = normal_to_world(scene, instance, (b - a).cross(c - a)).normalize();
         if !scene.two_level {
             return Self { position: local, normal, clearance: gamma(ROUNDINGS) * largest };
         }
@@ -253,6 +253,6 @@ fn translation_of_object(instance: &Instance) -> [f64; 3] {
 }
 
 /// By the inverse transpose, so that a mirroring transform keeps the front in front.
-fn normal_to_world(instance: &Instance, normal: DVec3) -> DVec3 {
-    linear_part(&instance.to_object).transpose() * normal
+fn normal_to_world(scene: &CompiledScene, instance: &Instance, normal: DVec3) -> DVec3 {
+    if scene.two_level { linear_part(&instance.to_object).transpose() * normal } else { normal }
 }
