@@ -137,7 +137,7 @@ impl Integrator {
             if survival >= probability {
                 return false;
             }
-            path.throughput /= probability;
+            path.throughput *= probability.recip();
         }
         let ends = [vertex.surface.primitive, TriangleId::NONE];
         path.ray = Ray { origin: vertex.surface.leave(direction), direction, t_max: f64::INFINITY, ends };
@@ -216,7 +216,9 @@ impl Integrator {
         if self.lights.is_empty() && share == 0.0 {
             return None;
         }
-        let [strategy, pick] = sampler.pair(Dimension::Pick(vertex.bounce));
+        // A lamp that is alone is not chosen.
+        let chosen = share > 0.0 || self.work.lighting.picks.len() > 1;
+        let [strategy, pick] = if chosen { sampler.pair(Dimension::Pick(vertex.bounce)) } else { [0.0; 2] };
         let u = sampler.pair(Dimension::Light(vertex.bounce));
         if let Some(hdri) = self.sampled_picture().filter(|_| strategy < share) {
             return Some(self.picture_sample(hdri, vertex, share, u));

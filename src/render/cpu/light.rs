@@ -28,7 +28,9 @@ pub struct LightSample {
 pub struct LightSampler {
     /// Probability of each entry of `Lighting::picks` or one before it.
     cumulative: Vec<f64>,
+    /// Of all before rounding.
     total: f64,
+    inverse_total: f64,
 }
 
 impl LightSampler {
@@ -41,7 +43,7 @@ impl LightSampler {
                 total
             })
             .collect();
-        Self { cumulative, total }
+        Self { cumulative, total, inverse_total: total.recip() }
     }
 
     /// Whether there are any.
@@ -56,7 +58,7 @@ impl LightSampler {
 
     /// Probability of a light.
     pub fn probability(&self, lighting: &Lighting, index: usize) -> f64 {
-        f64::from(lighting.picks[index].probability) / self.total
+        f64::from(lighting.picks[index].probability) * self.inverse_total
     }
 }
 
@@ -106,10 +108,12 @@ pub fn from_emitter(
     let away = surface.position - place.position;
     let origin = surface.leave(-away);
     let direction = place.leave(away) - origin;
-    let cosine = -direction.dot(place.normal) / direction.length();
+    let distance2 = direction.length_squared();
+    let cosine = -direction.dot(place.normal) / distance2.sqrt();
     let shines = cosine > 0.0 || material(scene, triangle).flags & Material::DOUBLE_SIDED != 0;
-    let pdf = emitter_pdf(pick, probability, direction.length_squared(), cosine);
-    let weight = if shines && pdf > 0.0 { emitted_at(scene, pick.triangle, weights) / pdf } else { DVec3::ZERO };
+    let pdf = emitter_pdf(pick, probability, distance2, cosine);
+    let weight =
+        if shines && pdf > 0.0 { emitted_at(scene, pick.triangle, weights) * pdf.recip() } else { DVec3::ZERO };
     let end = TriangleId { triangle: pick.triangle, instance: pick.index };
     LightSample { origin, direction, t_max: 1.0, weight, end, pdf: Some(pdf) }
 }

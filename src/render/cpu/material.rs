@@ -9,7 +9,7 @@ use super::sampling::{concentric_disk, cosine_hemisphere};
 use crate::compile::features::MIRROR_ROUGHNESS;
 use crate::render::albedo::{TABLE_WIDTH, albedo_table};
 use glam::DVec3;
-use std::f64::consts::{FRAC_1_PI, PI};
+use std::f64::consts::FRAC_1_PI;
 
 /// Normal-incidence reflectance of a dielectric of index 1.5.
 const DIELECTRIC: f64 = 0.04;
@@ -46,8 +46,12 @@ pub struct Bsdf {
     f0: DVec3,
     towards: Albedo,
     below: Below,
+    /// Root of `cos^2 + alpha^2 sin^2` of the viewer: Smith's masking, as [`Bsdf::reach`] has it.
+    reach: f64,
     /// Probability of sampling the facet lobe.
     facets: f64,
+    /// What that takes the density of facets to that of directions with: `facets G1 / (4 cos)`.
+    density: f64,
 }
 
 /// What is scattered otherwise than by one facet, from any direction towards the viewer: all but what depends on where
@@ -89,13 +93,16 @@ impl Bsdf {
         let f0 = DVec3::splat(DIELECTRIC).lerp(layers.color, layers.metallic);
         let below = Below { base, between: DVec3::ZERO, kept: 0.0 };
         let none = Albedo { single: 0.0, grazing: 0.0 };
-        let mut bsdf = Self { layers, model, wo, alpha, f0, towards: none, below, facets: 0.0 };
+        let mut bsdf =
+            Self { layers, model, wo, alpha, f0, towards: none, below, reach: 0.0, facets: 0.0, density: 0.0 };
         if model.specular {
             bsdf.towards = Albedo::towards(wo.z, layers.roughness);
             let rest;
             (bsdf.below, rest) = bsdf.below_facets(base);
             let (facets, rest) = (luminance(bsdf.towards.with_fresnel(f0)), luminance(rest));
             bsdf.facets = if facets + rest > 0.0 { facets / (facets + rest) } else { 0.0 };
+            bsdf.reach = bsdf.reach(wo.z);
+            bsdf.density = 0.5 * bsdf.facets / (wo.z + bsdf.reach);
         }
         bsdf
     }
@@ -109,12 +116,9 @@ impl Bsdf {
         let mut value = self.diffuse(wi) * wi.z;
         let mut pdf = (1.0 - self.facets) * wi.z * FRAC_1_PI;
         if self.model.specular && self.alpha > 0.0 {
-            let h = (self.wo + wi).normalize();
-            let normals = self.distribution(h);
-            let fresnel = schlick(self.f0, self.wo.dot(h));
-            // D F G2 / (4 cos cos) times cos; D G1 / (4 cos), the density of reflected visible normals (Heitz 2018, eq. 3, 17).
-            value += fresnel * (normals * self.masking_both(wi.z) / (4.0 * self.wo.z));
-            pdf += self.facets * normals * self.masking(self.wo.z) / (4.0 * self.wo.z);
+            let (single, normals) = self.single_facet(wi);
+            value += single;
+            pdf += self.density * normals;
         }
         (value, pdf)
     }
@@ -125,7 +129,7 @@ impl Bsdf {
             return self.scattered(cosine_hemisphere(u));
         }
         if self.alpha == 0.0 {
-            let weight = schlick(self.f0, self.wo.z) / self.facets;
+            let weight = schlick(self.f0, self.wo.z) * self.facets.recip();
             let wi = DVec3::new(-self.wo.x, -self.wo.y, self.wo.z);
             return (wi.z > 0.0).then_some(Scattered { wi, weight, pdf: None });
         }
@@ -145,7 +149,7 @@ impl Bsdf {
 
     fn scattered(&self, wi: DVec3) -> Option<Scattered> {
         let (value, pdf) = self.evaluate(wi);
-        (pdf > 0.0).then(|| Scattered { wi, weight: value / pdf, pdf: Some(pdf) })
+        (pdf > 0.0).then(|| Scattered { wi, weight: value * pdf.recip(), pdf: Some(pdf) })
     }
 
     /// What is below single facets, and its part of the light of a uniform surrounding.
@@ -155,16 +159,17 @@ impl Bsdf {
             return (Below { base, between: DVec3::ZERO, kept: 0.0 }, base * (1.0 - towards.dielectric()));
         }
         let mean = Albedo::mean(self.layers.roughness);
-        let dielectric = between_facets(DVec3::splat(DIELECTRIC), mean.single);
-        let metal = between_facets(self.layers.color, mean.single);
-        let passes = |albedo| passes_interface(albedo, dielectric.x);
-        let base = base * passes(towards);
-        let between = dielectric.lerp(metal, self.layers.metallic) * (1.0 - towards.single);
-        let below = Below {
-            base: base / passes(mean),
-            between: between / (1.0 - mean.single).max(1e-6),
-            kept: dielectric.x,
-        };
+        let dielectric = between_facets(DIELECTRIC, mean.single);
+        let mut between = DVec3::splat(dielectric);
+        if self.layers.metallic > 0.0 {
+            let metal = self.layers.color.map(|f0| between_facets(f0, mean.single));
+            between = between.lerp(metal, self.layers.metallic);
+        }
+        let passes = |albedo| passes_interface(albedo, dielectric);
+        let (base, between) = (base * passes(towards), between * (1.0 - towards.single));
+        let (through, lost) = (passes(mean), (1.0 - mean.single).max(1e-6));
+        let inverse = (through * lost).recip();
+        let below = Below { base: base * (lost * inverse), between: between * (through * inverse), kept: dielectric };
         (below, base + between)
     }
 
@@ -182,26 +187,24 @@ impl Bsdf {
         (base * passes_interface(from, kept) + between * (1.0 - from.single)) * FRAC_1_PI
     }
 
-    /// GGX (Walter et al. 2007, eq. 33).
-    fn distribution(&self, h: DVec3) -> f64 {
+    /// D F G2 / (4 cos), and D: GGX (Walter et al. 2007, eq. 33), height-correlated Smith masking (Heitz 2014, eq. 99) by way of
+    /// `G2 = 2 cos_i cos_o / (cos_i reach_o + cos_o reach_i)`, all over one denominator.
+    ///
+    /// The density of reflected visible normals is D G1 / (4 cos) (Heitz 2018, eq. 3 and 17), where `G1 = 2 cos / (cos + reach)`.
+    fn single_facet(&self, wi: DVec3) -> (DVec3, f64) {
         let a2 = self.alpha * self.alpha;
+        let h = self.wo + wi;
+        let length2 = h.length_squared();
         let spread = h.x * h.x + h.y * h.y + a2 * h.z * h.z;
-        a2 / (PI * spread * spread)
+        let masked = wi.z * self.reach + self.wo.z * self.reach(wi.z);
+        let shared = FRAC_1_PI * a2 * length2 * length2 / (spread * spread * masked);
+        // Half the length is the cosine between the half vector and either direction.
+        (schlick(self.f0, 0.5 * length2.sqrt()) * (0.5 * wi.z * shared), masked * shared)
     }
 
-    /// Smith's Lambda (Heitz 2014, eq. 72).
-    fn lambda(&self, cosine: f64) -> f64 {
-        let tangent2 = (1.0 - cosine * cosine).max(0.0) / (cosine * cosine);
-        0.5 * ((1.0 + self.alpha * self.alpha * tangent2).sqrt() - 1.0)
-    }
-
-    fn masking(&self, cosine: f64) -> f64 {
-        1.0 / (1.0 + self.lambda(cosine))
-    }
-
-    /// Height-correlated masking and shadowing (Heitz 2014, eq. 99).
-    fn masking_both(&self, cos_i: f64) -> f64 {
-        1.0 / (1.0 + self.lambda(self.wo.z) + self.lambda(cos_i))
+    fn reach(&self, cosine: f64) -> f64 {
+        let a2 = self.alpha * self.alpha;
+        (a2 + (1.0 - a2) * cosine * cosine).sqrt()
     }
 
     /// Draws from the visible normals (Heitz 2018, "Sampling the GGX Distribution of Visible Normals", listing 1).
@@ -270,7 +273,7 @@ fn passes_interface(albedo: Albedo, kept: f64) -> f64 {
 
 /// Reflectance of what leaves the facets after two or more bounces, relative to a white metal's; `mean`: albedo of one bounce
 /// over the hemisphere (Kulla and Conty 2017, with Schlick's term averaged over the cosine).
-fn between_facets(f0: DVec3, mean: f64) -> DVec3 {
+fn between_facets(f0: f64, mean: f64) -> f64 {
     let average = f0 + (1.0 - f0) / 21.0;
     average * average * mean / (1.0 - average * (1.0 - mean))
 }

@@ -41,6 +41,8 @@ pub struct Sampler {
     /// Hash of pixel, replicate and seed.
     stream: u64,
     sample: u32,
+    /// The bits of `sample`, last first.
+    reversed: u32,
     sobol: bool,
 }
 
@@ -48,7 +50,7 @@ impl Sampler {
     /// Numbers of one sample of one pixel.
     pub fn new(pixel: u32, sample: u32, replicate: u32, seed: u32, sobol: bool) -> Self {
         let place = u64::from(pixel) << 32 | u64::from(replicate);
-        Self { stream: mix(mix(place) ^ u64::from(seed)), sample, sobol }
+        Self { stream: mix(mix(place) ^ u64::from(seed)), sample, reversed: sample.reverse_bits(), sobol }
     }
 
     /// A point in (0, 1)^2.
@@ -58,11 +60,14 @@ impl Sampler {
             let numbers = mix(key ^ mix(u64::from(self.sample)));
             return [numbers as u32, (numbers >> 32) as u32].map(unit);
         }
-        // The two halves of the key shuffle and scramble; a third hash keeps the coordinates apart.
-        let x = permute(self.sample.reverse_bits(), key as u32);
+        // The point of the shuffled number, its digits reversed: Owen scrambling wants the most significant one lowest.
+        let x = permute(self.reversed, key as u32).reverse_bits();
         let y = second_dimension(x);
         let scrambles = mix(key);
-        [scramble(x, scrambles as u32), scramble(y, (scrambles >> 32) as u32)].map(unit)
+        let [x, y] = [permute(x, scrambles as u32), permute(y, (scrambles >> 32) as u32)];
+        // Both at once.
+        let digits = (u64::from(x) << 32 | u64::from(y)).reverse_bits();
+        [digits as u32, (digits >> 32) as u32].map(unit)
     }
 
     /// A number that no other shares anything with, for decisions along a ray: `event` tells them apart.
@@ -95,15 +100,11 @@ fn permute(value: u32, seed: u32) -> u32 {
     x ^ x.wrapping_mul(0x8d22_f6e6)
 }
 
-fn scramble(x: u32, seed: u32) -> u32 {
-    permute(x.reverse_bits(), seed).reverse_bits()
-}
-
-/// Sobol's second coordinate from the first: multiplication with Pascal's triangle modulo 2, which as a matrix is a
-/// fivefold Kronecker power and so takes five steps.
+/// Sobol's second coordinate from the first, both with their digits reversed: multiplication with Pascal's triangle
+/// modulo 2, which as a matrix is a fivefold Kronecker power and so takes five steps.
 fn second_dimension(x: u32) -> u32 {
-    const LOWER_HALVES: [u32; 5] = [0x5555_5555, 0x3333_3333, 0x0f0f_0f0f, 0x00ff_00ff, 0x0000_ffff];
-    (0..5).fold(x, |y, step| y ^ ((y & LOWER_HALVES[step]) << (1 << step)))
+    const UPPER_HALVES: [u32; 5] = [0xaaaa_aaaa, 0xcccc_cccc, 0xf0f0_f0f0, 0xff00_ff00, 0xffff_0000];
+    (0..5).fold(x, |y, step| y ^ ((y & UPPER_HALVES[step]) >> (1 << step)))
 }
 
 #[cfg(test)]
@@ -140,7 +141,8 @@ mod tests {
                 }
                 direction ^= direction >> 1;
             }
-            assert_eq!(second_dimension(index.reverse_bits()), value, "point {index}");
+            // The first coordinate of a point is its number with the digits reversed.
+            assert_eq!(second_dimension(index), value.reverse_bits(), "point {index}");
         }
     }
 }

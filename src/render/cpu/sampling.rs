@@ -51,7 +51,7 @@ pub fn uniform_triangle(u: [f64; 2]) -> DVec3 {
 /// Power heuristic (Veach 1997, 9.2.4): weight of a sample of density `taken`, which another strategy would have found with
 /// density `other`.
 pub fn power_heuristic(taken: f64, other: f64) -> f64 {
-    1.0 / (1.0 + (other / taken).powi(2))
+    taken * taken / (taken * taken + other * other)
 }
 
 #[cfg(test)]
