@@ -91,7 +91,7 @@ pub struct BvhNode {
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Triangle {
-    /// First vertex.
+    /// First vertex: the longest edge lies opposite to it, so that the two others, which are the more exact, meet in it.
     pub v0: [f32; 3],
     /// Index into `materials`; bit 31 ([`Triangle::ALPHA`]): its alpha must be tested.
     pub material: u32,

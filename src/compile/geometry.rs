@@ -145,7 +145,7 @@ impl Soup {
             let ordinal = self.seen;
             self.seen += 1;
             let indices = if placement.mirrored { [indices[0], indices[2], indices[1]] } else { *indices };
-            let Some([v0, v1, v2]) = corners(primitive, placement, indices) else {
+            let Some((indices, [v0, v1, v2])) = corners(primitive, placement, indices) else {
                 stats.degenerate_triangles += 1;
                 continue;
             };
@@ -170,13 +170,18 @@ impl CompiledScene {
     }
 }
 
-/// Corners of a triangle where it is stored; none: it has no area there, or is not finite.
-fn corners(primitive: &Primitive, placement: &Placement, indices: [u32; 3]) -> Option<[Vec3; 3]> {
+/// Corners of a triangle where it is stored, and their indices, turned so that the longest edge lies opposite to the first
+/// ([`Triangle::v0`]); none: it has no area there, or is not finite.
+fn corners(primitive: &Primitive, placement: &Placement, mut indices: [u32; 3]) -> Option<([u32; 3], [Vec3; 3])> {
     let point = |index: u32| primitive.positions.get(index as usize).map(|p| placement.point(*p));
-    let corners = [point(indices[0])?, point(indices[1])?, point(indices[2])?];
+    let mut corners = [point(indices[0])?, point(indices[1])?, point(indices[2])?];
     let [a, b, c] = corners.map(|v| v.as_dvec3());
     let area = (b - a).cross(c - a).length_squared();
-    (corners.iter().all(|v| v.is_finite()) && area > 0.0).then_some(corners)
+    let opposite = [[b, c], [c, a], [a, b]].map(|[from, to]| from.distance_squared(to));
+    let first = (1..3).fold(0, |first, i| if opposite[i] > opposite[first] { i } else { first });
+    corners.rotate_left(first);
+    indices.rotate_left(first);
+    (corners.iter().all(|v| v.is_finite()) && area > 0.0).then_some((indices, corners))
 }
 
 fn uvs(primitive: &Primitive, set: Option<usize>, indices: [u32; 3]) -> [Vec2; 3] {

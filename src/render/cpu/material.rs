@@ -5,11 +5,11 @@
 //! more than once (Kulla and Conty 2017); a Lambert base that gets what the dielectric interface lets through on the way in and on
 //! the way out (Kelemen and Szirmay-Kalos 2001).
 
-use super::sampling::{concentric_disk, cosine_hemisphere};
+use super::sampling::cosine_hemisphere;
 use crate::compile::features::MIRROR_ROUGHNESS;
 use crate::render::albedo::{TABLE_WIDTH, albedo_table};
-use glam::DVec3;
-use std::f64::consts::FRAC_1_PI;
+use glam::{DVec2, DVec3};
+use std::f64::consts::{FRAC_1_PI, TAU};
 
 /// Normal-incidence reflectance of a dielectric of index 1.5.
 const DIELECTRIC: f64 = 0.04;
@@ -213,7 +213,7 @@ impl Bsdf {
         let flat = stretched.x * stretched.x + stretched.y * stretched.y;
         let across = if flat > 0.0 { DVec3::new(-stretched.y, stretched.x, 0.0) / flat.sqrt() } else { DVec3::X };
         let up = stretched.cross(across);
-        let disk = concentric_disk(u);
+        let disk = DVec2::from_angle(TAU * u[1]) * u[0].sqrt();
         let s = 0.5 * (1.0 + stretched.z);
         let y = (1.0 - s) * (1.0 - disk.x * disk.x).max(0.0).sqrt() + s * disk.y;
         let z = (1.0 - disk.x * disk.x - y * y).max(0.0).sqrt();
