@@ -50,12 +50,8 @@ pub fn compile_variant(
     let layout = vertices::layout(drawn, uv_sets);
     groups.check_vertices(&layout)?;
 
-    let surfaces = Surfaces {
-        table: &table,
-        variant,
-        alpha: table.alpha_tests(&textures),
-        emissions: table.emissions(&textures),
-    };
+    let surfaces =
+        Surfaces { table: &table, variant, alpha: table.alpha_tests(&textures), emissions: table.emissions(&textures) };
     let mut compiled = CompiledScene { origin, layout, ..CompiledScene::default() };
     let merged = merged_soup(&groups, &surfaces, &mut compiled);
     let soups: Vec<Soup> =

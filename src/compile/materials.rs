@@ -3,9 +3,9 @@
 use super::alpha::AlphaTest;
 use super::emitters::Emission;
 use super::extended::{self, Extended};
+use super::features::MIRROR_ROUGHNESS;
 use super::texels::Texels;
 use super::textures::{Space, Textures};
-use super::features::MIRROR_ROUGHNESS;
 use super::{CompiledScene, Material, NONE, Slot};
 use crate::scene::{self, AlphaMode, Scene, TextureRef};
 use std::collections::{BTreeMap, BTreeSet, HashMap};

@@ -29,7 +29,11 @@ pub static LAYER_TABLE: LazyLock<Vec<f32>> = LazyLock::new(|| {
         let roughness = f64::from(row % GLASS_STEPS) / f64::from(GLASS_STEPS - 1);
         (0..TABLE_WIDTH).map(move |column| {
             let root = f64::from(column.min(GLASS_STEPS - 1)) / f64::from(GLASS_STEPS - 1);
-            if column < GLASS_STEPS { integrated_glass(root * root, roughness, (1.0 + t) / (1.0 - t)) as f32 } else { 0.0 }
+            if column < GLASS_STEPS {
+                integrated_glass(root * root, roughness, (1.0 + t) / (1.0 - t)) as f32
+            } else {
+                0.0
+            }
         })
     });
     sheen.chain(glass).collect()

@@ -210,9 +210,8 @@ impl Default for Material {
 impl Material {
     /// Whether anything of it turns with the surface's tangents.
     pub fn reads_tangents(&self) -> bool {
-        let extended = |extended: &Arc<Extended>| {
-            extended.anisotropy > 0.0 || extended.clearcoat_normal_texture.is_some()
-        };
+        let extended =
+            |extended: &Arc<Extended>| extended.anisotropy > 0.0 || extended.clearcoat_normal_texture.is_some();
         !self.unlit && (self.normal_texture.is_some() || self.extended.as_ref().is_some_and(extended))
     }
 

@@ -63,7 +63,11 @@ fn lossless_materials_vanish_in_a_white_sky(engine: EngineChoice) {
         ("sheen", with(Extended { sheen_color: Vec3::ONE, sheen_roughness: 0.5, ..base() }, 0.6, 1.0), 1e-2),
         ("passing diffusely", with(Extended { diffuse_transmission: 0.6, ..base() }, 0.4, 1.0), 4e-3),
         ("half a wall", with(Extended { transmission: 0.5, ..base() }, 0.0, 1.0), 2e-3),
-        ("dispersion", with(Extended { transmission: 1.0, volume: clear(), dispersion: 5.0, ..base() }, 0.0, 1.0), 5e-2),
+        (
+            "dispersion",
+            with(Extended { transmission: 1.0, volume: clear(), dispersion: 5.0, ..base() }, 0.0, 1.0),
+            5e-2,
+        ),
     ];
     for roughness in [0.2, 0.5, 0.9] {
         cases.push(("rough glass", glass(roughness), 1.5e-2));
@@ -81,7 +85,11 @@ fn lossy_materials_stay_below_one(engine: EngineChoice) {
     let base = Extended::default;
     let cases = [
         ("grain", with(Extended { anisotropy: 0.8, ..base() }, 0.3, 1.0), 0.93),
-        ("grain of a metal", Material { metallic: 1.0, ..with(Extended { anisotropy: 0.8, ..base() }, 0.3, 1.0) }, 0.93),
+        (
+            "grain of a metal",
+            Material { metallic: 1.0, ..with(Extended { anisotropy: 0.8, ..base() }, 0.3, 1.0) },
+            0.93,
+        ),
         ("film", with(Extended { iridescence: 1.0, ..base() }, 0.3, 1.0), 0.7),
         ("coloured reflection", with(Extended { specular_color: Vec3::new(1.0, 0.2, 2.0), ..base() }, 0.3, 1.0), 0.9),
     ];
@@ -116,7 +124,8 @@ fn index_of_one_is_invisible(engine: EngineChoice) {
 fn slab(half: f32, low: f32, high: f32) -> Primitive {
     let mut slab = Primitive::default();
     for y in [low, high] {
-        slab.positions.extend([(-half, half), (half, half), (half, -half), (-half, -half)].map(|(x, z)| Vec3::new(x, y, z)));
+        slab.positions
+            .extend([(-half, half), (half, half), (half, -half), (-half, -half)].map(|(x, z)| Vec3::new(x, y, z)));
     }
     slab.triangles = vec![[4, 5, 6], [4, 6, 7], [0, 2, 1], [0, 3, 2]];
     for [a, b] in [[0, 1], [1, 2], [2, 3], [3, 0]] {
@@ -210,7 +219,8 @@ fn light_falls_straight_through_thin_walls(engine: EngineChoice) {
     let floor = || (square(5.0), grey(0.8, 1.0, 0.0), DAffine3::IDENTITY);
     let wall = |material| (square(3.0), material, DAffine3::from_translation(DVec3::Y * 2.0));
     let bare = mean(&render(engine, work(&scene(vec![floor()]), &request)), 1);
-    let colored = Material { double_sided: true, ..with(Extended { transmission: 1.0, ..Extended::default() }, 0.0, 0.5) };
+    let colored =
+        Material { double_sided: true, ..with(Extended { transmission: 1.0, ..Extended::default() }, 0.0, 0.5) };
     let got = mean(&render(engine, work(&scene(vec![floor(), wall(colored)]), &request)), 1);
     assert_near(got, bare * 0.96 * 0.5, 2e-3);
     let rough = mean(&render(engine, work(&scene(vec![floor(), wall(thin(0.3))]), &request)), 1);
@@ -223,7 +233,11 @@ fn lamps_behind_thin_walls_are_found_once(engine: EngineChoice) {
         let mut request = work(
             &scene(vec![
                 (square(5.0), grey(0.8, 1.0, 0.0), DAffine3::IDENTITY),
-                (square(20.0), Material { double_sided: true, ..thin(0.0) }, DAffine3::from_translation(DVec3::Y * 2.0)),
+                (
+                    square(20.0),
+                    Material { double_sided: true, ..thin(0.0) },
+                    DAffine3::from_translation(DVec3::Y * 2.0),
+                ),
                 (
                     square(1.0),
                     Material { emissive: Vec3::splat(5.0), double_sided: true, ..grey(0.0, 1.0, 0.0) },

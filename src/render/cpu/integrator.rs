@@ -214,7 +214,10 @@ impl Integrator {
         let probability = self.lights.probability(lighting, index) * (1.0 - self.environment_share());
         let (cosine, distance) = (path.ray.direction.dot(surface.geometric_normal), path.passed + hit.t);
         radiance
-            * self.scattered_weight(pdf, light::emitter_pdf(&lighting.picks[index], probability, distance * distance, cosine))
+            * self.scattered_weight(
+                pdf,
+                light::emitter_pdf(&lighting.picks[index], probability, distance * distance, cosine),
+            )
     }
 
     /// Light from infinity that a scattered path has come upon.

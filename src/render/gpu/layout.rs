@@ -152,9 +152,7 @@ fn filter_table(kind: FilterKind) -> [f32; FILTER_STEPS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compile::{
-        Extended, Instance, LightPick, Material, PunctualLight, SLOTS, Slot, TextureSlot, Triangle,
-    };
+    use crate::compile::{Extended, Instance, LightPick, Material, PunctualLight, SLOTS, Slot, TextureSlot, Triangle};
     use std::mem::offset_of;
 
     /// Compares the offsets of the named fields, and the size, with those of the WGSL struct of the same name.

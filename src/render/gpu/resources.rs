@@ -52,8 +52,7 @@ impl Resources {
         let mut texels = table.texels.clone();
         texels.extend(LAYER_TABLE.iter().map(|albedo| [*albedo, 0.0]));
         let size = (TABLE_WIDTH, texels.len() as u32 / TABLE_WIDTH, 1);
-        let albedo =
-            texture(gpu, "albedo tables", size, wgpu::TextureFormat::Rg32Float, bytemuck::cast_slice(&texels));
+        let albedo = texture(gpu, "albedo tables", size, wgpu::TextureFormat::Rg32Float, bytemuck::cast_slice(&texels));
         let no_environment = Arc::new(GpuEnvironment {
             texels: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rgba32Float, &[0; 16]),
             cells: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rg32Float, &[0; 8]),

@@ -248,8 +248,7 @@ impl Values<'_, '_> {
     }
 
     fn diffuse_transmission(&mut self, values: DiffuseTransmission, out: &mut Extended) -> Result<(), SceneError> {
-        out.diffuse_transmission =
-            self.factor(values.diffuse_transmission_factor, 0.0, "diffuseTransmissionFactor")?;
+        out.diffuse_transmission = self.factor(values.diffuse_transmission_factor, 0.0, "diffuseTransmissionFactor")?;
         let seen = out.diffuse_transmission > 0.0;
         let texture = values.diffuse_transmission_texture.as_ref();
         out.diffuse_transmission_texture = self.texture(texture, seen, "diffuseTransmissionTexture")?;
@@ -322,7 +321,8 @@ impl Values<'_, '_> {
         let seen = out.iridescence > 0.0;
         out.iridescence_texture = self.texture(values.iridescence_texture.as_ref(), seen, "iridescenceTexture")?;
         out.iridescence_ior = self.index_of_refraction(values.iridescence_ior.unwrap_or(1.3), "iridescenceIor")?;
-        let thickness = |value: Option<f64>, default, name: &str| non_negative(value.unwrap_or(default), &self.at(name));
+        let thickness =
+            |value: Option<f64>, default, name: &str| non_negative(value.unwrap_or(default), &self.at(name));
         out.iridescence_thickness = [
             thickness(values.iridescence_thickness_minimum, 100.0, "iridescenceThicknessMinimum")?,
             thickness(values.iridescence_thickness_maximum, 400.0, "iridescenceThicknessMaximum")?,

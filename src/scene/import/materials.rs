@@ -1,8 +1,8 @@
 //! Materials, and which attributes of a primitive they read.
 
 use super::data::missing;
-use super::extended::{self, SpecularGlossiness};
 use super::document;
+use super::extended::{self, SpecularGlossiness};
 use super::number::{factor, finite, non_negative, not_finite};
 use super::schema::{self, EmissiveStrength, TextureInfo, TextureTransform};
 use crate::scene::error::Warnings;

@@ -56,7 +56,14 @@ fn cases() -> [Case; 9] {
         case("rough glass from within", 0.4, 0.0, 1.0 / 1.5, false, Extended { transmission: 1.0, ..base() }),
         case("rough wall", 0.4, 0.2, 0.0, false, Extended { transmission: 0.6, ..base() }),
         case("coat", 0.6, 0.5, 0.0, false, Extended { clearcoat: 0.8, clearcoat_roughness: 0.3, ..base() }),
-        case("sheen", 0.6, 0.0, 0.0, false, Extended { sheen_color: tinted.min(Vec3::ONE), sheen_roughness: 0.4, ..base() }),
+        case(
+            "sheen",
+            0.6,
+            0.0,
+            0.0,
+            false,
+            Extended { sheen_color: tinted.min(Vec3::ONE), sheen_roughness: 0.4, ..base() },
+        ),
         case("grain", 0.3, 0.5, 0.0, true, Extended { anisotropy: 0.7, ..base() }),
         case("film", 0.3, 0.4, 0.0, false, Extended { iridescence: 0.9, ..base() }),
         case("passing diffusely", 0.4, 0.1, 0.0, true, Extended { diffuse_transmission: 0.5, ..base() }),
@@ -232,7 +239,8 @@ fn values(lobes: &dyn Lobes, case: &Case, verdict: &mut Verdict) {
     let expected = F64.values(case, &pairs);
     let got = lobes.values(case, &pairs);
     let off = |a: f64, b: f64| (a - b).abs() / (b.abs() + 0.02);
-    let off_value = got.iter().zip(&expected).map(|(a, b)| (a.0 - b.0).abs().max_element() / (b.0.max_element() + 0.02));
+    let off_value =
+        got.iter().zip(&expected).map(|(a, b)| (a.0 - b.0).abs().max_element() / (b.0.max_element() + 0.02));
     verdict.deviation(format!("{}, value", case.name), off_value, 2e-3);
     let off_density = got.iter().zip(&expected).map(|(a, b)| off(a.1, b.1));
     verdict.deviation(format!("{}, density", case.name), off_density, 2e-3);

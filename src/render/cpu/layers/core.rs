@@ -178,8 +178,7 @@ impl Core {
         let passes = self.passes_interface(towards, kept);
         let leaves = passes / self.passes_interface(mean, kept).max(1e-6);
         let between = dielectric.lerp(metal, self.metallic) * (1.0 - towards.single);
-        let below =
-            Below { base: base * leaves, between: between / (1.0 - mean.single).max(1e-6), kept, leaves };
+        let below = Below { base: base * leaves, between: between / (1.0 - mean.single).max(1e-6), kept, leaves };
         (below, base * passes + between)
     }
 

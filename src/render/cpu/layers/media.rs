@@ -44,7 +44,11 @@ pub fn index_of(extended: &Extended, wavelength: Option<f64>) -> f64 {
 
 /// Weight of the colours at a place in the visible range; their means are one.
 pub fn colors_at(place: f64) -> DVec3 {
-    DVec3::new(4.0 * (1.0 - 2.0 * place).max(0.0), 2.0 * (1.0 - (2.0 * place - 1.0).abs()), 4.0 * (2.0 * place - 1.0).max(0.0))
+    DVec3::new(
+        4.0 * (1.0 - 2.0 * place).max(0.0),
+        2.0 * (1.0 - (2.0 * place - 1.0).abs()),
+        4.0 * (2.0 * place - 1.0).max(0.0),
+    )
 }
 
 impl Media {

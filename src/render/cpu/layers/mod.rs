@@ -19,8 +19,8 @@ use crate::compile::Extended;
 use crate::compile::features::MIRROR_ROUGHNESS;
 use core::{Core, Dielectric};
 pub use ggx::Facets;
-pub use glass::{Glass, Interface, dielectric};
 use glam::{DMat3, DVec2, DVec3};
+pub use glass::{Glass, Interface, dielectric};
 pub use media::{Crossing, Media};
 use sheen::Sheen;
 use std::f64::consts::FRAC_1_PI;
@@ -118,7 +118,8 @@ impl Layered {
             let normal = surface.coat_normal(extended, -(*frame * wo));
             Coat::new(frame.transpose() * normal, values.coat, model, wo)
         });
-        let sheen = (values.sheen.0 != DVec3::ZERO && !inside).then(|| Sheen::new(values.sheen.0, values.sheen.1, wo.z));
+        let sheen =
+            (values.sheen.0 != DVec3::ZERO && !inside).then(|| Sheen::new(values.sheen.0, values.sheen.1, wo.z));
         let sheen_share = coat.as_ref().map_or(1.0, Coat::rest);
         let base_share = sheen_share * sheen.map_or(1.0, |sheen| sheen.rest());
         let alpha = widths(values.core.roughness, values.grain);
