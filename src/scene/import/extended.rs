@@ -332,3 +332,99 @@ impl Values<'_, '_> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::scene::error::{Warning, Warnings};
+    use crate::scene::import::materials::{ReadMaterial, read};
+    use crate::scene::{SceneError, Volume};
+    use glam::{Vec3, Vec4};
+    use serde_json::{Value, json};
+
+    fn read_json(extensions: Value) -> Result<(ReadMaterial, Vec<Warning>), SceneError> {
+        let source = serde_json::from_value(json!({ "extensions": extensions })).unwrap();
+        let mut warnings = Warnings::default();
+        let read = read(&source, 0, &[Some(0), Some(1)], &mut warnings)?;
+        Ok((read, warnings.finish()))
+    }
+
+    #[test]
+    fn a_material_without_extensions_has_none() {
+        assert!(read_json(json!({"KHR_materials_emissive_strength": {}})).unwrap().0.material.extended.is_none());
+        let unlit = json!({"KHR_materials_unlit": {}, "KHR_materials_clearcoat": {"clearcoatFactor": 1}});
+        assert!(read_json(unlit).unwrap().0.material.extended.is_none());
+    }
+
+    #[test]
+    fn values_and_textures_are_read() {
+        let (read, warnings) = read_json(json!({
+            "KHR_materials_ior": {"ior": 1.8},
+            "KHR_materials_specular": {"specularFactor": 0.5, "specularColorFactor": [2, 1, 0], "specularColorTexture": {"index": 1}},
+            "KHR_materials_transmission": {"transmissionFactor": 0.75, "transmissionTexture": {"index": 0, "texCoord": 3}},
+            "KHR_materials_volume": {"thicknessFactor": 2, "attenuationColor": [1, 0.5, 0.25], "attenuationDistance": 3},
+            "KHR_materials_dispersion": {"dispersion": 0.2},
+            "KHR_materials_clearcoat": {"clearcoatFactor": 1, "clearcoatNormalTexture": {"index": 0, "scale": 0.5}},
+            "KHR_materials_sheen": {"sheenColorFactor": [0.1, 0.2, 0.3], "sheenRoughnessFactor": 0.4},
+            "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyRotation": 1},
+            "KHR_materials_iridescence": {"iridescenceFactor": 1, "iridescenceThicknessMaximum": 300},
+            "KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 0.3, "diffuseTransmissionColorFactor": [1, 0, 1]},
+        }))
+        .unwrap();
+        assert!(warnings.is_empty(), "{warnings:?}");
+        assert_eq!((read.uv_sets.as_slice(), read.tangents.unwrap().uv_set), (&[0, 3][..], 0));
+        let extended = read.material.extended.unwrap();
+        assert_eq!((extended.ior, extended.specular, extended.specular_color), (1.8, 0.5, Vec3::new(2.0, 1.0, 0.0)));
+        assert_eq!((extended.transmission, extended.transmission_texture.unwrap().uv_set), (0.75, 1));
+        let volume = Volume { attenuation_color: Vec3::new(1.0, 0.5, 0.25), attenuation_distance: 3.0 };
+        assert_eq!((extended.volume, extended.dispersion), (Some(volume), 0.2));
+        assert_eq!((extended.clearcoat, extended.clearcoat_roughness, extended.clearcoat_normal_scale), (1.0, 0.0, 0.5));
+        assert_eq!((extended.sheen_color, extended.sheen_roughness), (Vec3::new(0.1, 0.2, 0.3), 0.4));
+        assert_eq!((extended.anisotropy, extended.anisotropy_rotation), (0.6, 1.0));
+        assert_eq!((extended.iridescence_ior, extended.iridescence_thickness), (1.3, [100.0, 300.0]));
+        assert_eq!((extended.diffuse_transmission, extended.diffuse_transmission_color), (0.3, Vec3::new(1.0, 0.0, 1.0)));
+        assert_eq!(extended.textures().count(), 3);
+    }
+
+    #[test]
+    fn specular_glossiness_takes_the_place_of_the_core() {
+        let glossy = json!({"diffuseFactor": [0.1, 0.2, 0.3, 0.4], "diffuseTexture": {"index": 1},
+            "specularFactor": [0.5, 0.6, 0.7], "glossinessFactor": 0.75});
+        let (read, _) = read_json(json!({ "KHR_materials_pbrSpecularGlossiness": glossy })).unwrap();
+        let material = read.material;
+        assert_eq!((material.base_color, material.base_color_texture.unwrap().texture), (Vec4::new(0.1, 0.2, 0.3, 0.4), 1));
+        assert_eq!((material.metallic, material.roughness), (0.0, 0.25));
+        let extended = material.extended.unwrap();
+        assert!(extended.specular_glossiness);
+        assert_eq!(extended.specular_color, Vec3::new(0.5, 0.6, 0.7));
+    }
+
+    #[test]
+    fn what_is_not_seen_is_not_read() {
+        let off = json!({
+            "KHR_materials_clearcoat": {"clearcoatTexture": {"index": 0}, "clearcoatNormalTexture": {"index": 0}},
+            "KHR_materials_sheen": {"sheenColorTexture": {"index": 0}},
+            "KHR_materials_volume": {"thicknessFactor": 1, "thicknessTexture": {"index": 0}},
+        });
+        let (read, _) = read_json(off).unwrap();
+        let extended = read.material.extended.unwrap();
+        assert_eq!((extended.textures().count(), extended.volume), (0, None), "nothing transmits");
+        assert!(read.uv_sets.is_empty() && read.tangents.is_none());
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let place = |extensions| read_json(extensions).err().unwrap().pointer;
+        let at = "/materials/0/extensions/";
+        assert_eq!(
+            place(json!({"KHR_materials_sheen": {"sheenColorFactor": "red"}})),
+            format!("{at}KHR_materials_sheen/sheenColorFactor")
+        );
+        assert_eq!(
+            place(json!({"KHR_materials_transmission": {"transmissionTexture": {"index": 2}}})),
+            format!("{at}KHR_materials_transmission/transmissionTexture/index")
+        );
+        assert_eq!(place(json!({"KHR_materials_ior": {"ior": -1}})), format!("{at}KHR_materials_ior/ior"));
+        let (read, warnings) = read_json(json!({"KHR_materials_ior": {"ior": 0.5}})).unwrap();
+        assert_eq!((read.material.extended.unwrap().ior, warnings[0].code), (1.0, "factor_clamped"));
+    }
+}

@@ -44,17 +44,19 @@ pub(super) struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn material(&mut self, source: &schema::Material) -> Result<Material, SceneError> {
+    fn material<'s>(&mut self, source: &'s schema::Material) -> Result<Material, SceneError> {
         let pbr = &source.pbr_metallic_roughness;
         let base = pbr.base_color_factor.unwrap_or([1.0; 4]);
         let base = self.factors(base, "pbrMetallicRoughness/baseColorFactor")?;
         let glossy = extended::specular_glossiness(source, &self.place)?;
+        // Specular-glossiness takes the place of the core's textures.
+        let core = |texture: &'s Option<TextureInfo>| texture.as_ref().filter(|_| glossy.is_none());
         let unlit = source.extensions.contains_key("KHR_materials_unlit");
         let mut material = Material {
             name: source.name.clone(),
             base_color: Vec4::from(base),
             base_color_texture: self
-                .texture(pbr.base_color_texture.as_ref(), "pbrMetallicRoughness/baseColorTexture")?,
+                .texture(core(&pbr.base_color_texture), "pbrMetallicRoughness/baseColorTexture")?,
             metallic: self.factors([pbr.metallic_factor.unwrap_or(1.0)], "pbrMetallicRoughness/metallicFactor")?[0],
             roughness: self.factors([pbr.roughness_factor.unwrap_or(1.0)], "pbrMetallicRoughness/roughnessFactor")?[0],
             emissive: self.emissive(source)?,
@@ -72,7 +74,7 @@ impl Reader<'_> {
             material.emissive = Vec3::ZERO;
             return Ok(material);
         }
-        let texture = pbr.metallic_roughness_texture.as_ref().filter(|_| glossy.is_none());
+        let texture = core(&pbr.metallic_roughness_texture);
         material.metallic_roughness_texture = self.texture(texture, "pbrMetallicRoughness/metallicRoughnessTexture")?;
         if material.normal_scale != 0.0 {
             material.normal_texture = self.texture(source.normal_texture.as_ref(), "normalTexture")?;

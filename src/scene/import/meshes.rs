@@ -361,6 +361,25 @@ mod tests {
     }
 
     #[test]
+    fn variants_have_the_attributes_that_their_materials_read() {
+        let base = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 3}}});
+        let mut builder = with_material(full(), &json!({}));
+        builder.json["materials"] = json!([{}, base]);
+        builder.json["extensionsUsed"] = json!(["KHR_materials_variants"]);
+        builder.json["extensions"] = json!({"KHR_materials_variants": {"variants": [{"name": "a"}, {"name": "b"}]}});
+        let mapping = |variants: Value| json!({"KHR_materials_variants": {"mappings": [{"material": 1, "variants": variants}]}});
+        builder.json["meshes"][0]["primitives"][0]["extensions"] = mapping(json!([1]));
+        let scene = scene_of(&builder);
+        let primitive = &scene.meshes[0].primitives[0];
+        let shown = |variant| (primitive.of_variant(variant).material, primitive.of_variant(variant).uvs.len());
+        assert_eq!([shown(None), shown(Some(0)), shown(Some(1))], [(Some(0), 0), (Some(0), 0), (Some(1), 1)]);
+        assert_eq!(scene.images[0].bytes.as_ref(), PNG);
+        builder.json["meshes"][0]["primitives"][0]["extensions"] = mapping(json!([2]));
+        let place = "/meshes/0/primitives/0/extensions/KHR_materials_variants/mappings/0/variants/0";
+        assert_eq!(error_of(&builder).pointer, place);
+    }
+
+    #[test]
     fn only_what_the_material_reads_is_decoded() {
         let plain = scene_of(&full());
         let primitive = &plain.meshes[0].primitives[0];

@@ -3,7 +3,7 @@
 
 use super::bins::test_density;
 use super::kernel::{Fault, Kernel, words};
-use super::quadrature::{LEAST, Rectangle, integrate};
+use super::quadrature::{Rectangle, integrate};
 use super::random::{Random, lattice};
 use super::verdict::Verdict;
 use crate::support::{grey, params, scene, square, work};
@@ -214,14 +214,24 @@ fn samples(lobes: &dyn Lobes, case: &Case, angle: f64, verdict: &mut Verdict) {
         let lobes = seen(wo);
         let density = |z: f64, azimuth: f64| lobes.evaluate(direction(z, azimuth)).1;
         test_density(&points, SPHERE, |leaf| {
-            // The density jumps at the horizon.
+            // The density jumps at the horizon; other edges of it are short beside a leaf, and not worth to be followed.
             let split = 0.0f64.clamp(leaf.low[0], leaf.high[0]);
             let below = Rectangle { high: [split, leaf.high[1]], ..*leaf };
             let above = Rectangle { low: [split, leaf.low[1]], ..*leaf };
-            [below, above].map(|part| integrate(&density, part, 1e-4, LEAST.max(1e-9))).iter().sum()
+            let halves = [below, above].into_iter().filter(|half| half.high[0] > half.low[0]);
+            halves.flat_map(cells).map(|cell| integrate(&density, cell, f64::INFINITY, 0.0)).sum()
         })
     });
     verdict.probability(format!("{}, {angle} degrees", case.name), p);
+}
+
+fn cells(of: Rectangle) -> impl Iterator<Item = Rectangle> {
+    const SIDE: u32 = 3;
+    let at = move |k: usize, i: u32| of.low[k] + (of.high[k] - of.low[k]) * f64::from(i) / f64::from(SIDE);
+    (0..SIDE * SIDE).map(move |k| {
+        let (i, j) = (k % SIDE, k / SIDE);
+        Rectangle { low: [at(0, i), at(1, j)], high: [at(0, i + 1), at(1, j + 1)] }
+    })
 }
 
 /// No colour returns more than it gets.
