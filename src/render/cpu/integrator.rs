@@ -19,6 +19,9 @@ const ROULETTE_START: u32 = 3;
 /// Most probable survival.
 const ROULETTE_MOST: f64 = 0.95;
 
+/// Thin walls that light comes through; behind more it is dark.
+const MOST_WALLS: u32 = 1000;
+
 /// Key of the random number for the colour that a path follows.
 const DISPERSION: u64 = 0x6469_7370;
 
@@ -263,7 +266,7 @@ impl Integrator {
         let media = beyond.unwrap_or(vertex.media);
         let end = ray.origin + ray.direction * ray.t_max;
         let mut part = DVec3::ONE;
-        loop {
+        for _ in 0..MOST_WALLS {
             let hit = self.bvh.closest(&ray, |hit| self.stops(hit, RayKind::Shadow, vertex.bounce, sampler));
             let distance = hit.as_ref().map_or(ray.t_max, |hit| hit.t) * ray.direction.length();
             part *= media.transmittance(&self.work.scene, None, distance);
@@ -280,6 +283,7 @@ impl Integrator {
                 (ray.direction, ray.t_max) = (end - ray.origin, 1.0);
             }
         }
+        DVec3::ZERO
     }
 
     /// Part of the light from straight ahead that passes a surface.
