@@ -42,7 +42,7 @@ fn ball(material: Material) -> Scene {
 /// Mean of the middle channel of a ball in a white sky, over the pixels that it covers.
 fn furnace(engine: EngineChoice, material: Material) -> f64 {
     let request = params(
-        r#"{"environment":{"constant":[1,1,1]},"max_samples":256,"width":24,"height":24,
+        r#"{"environment":{"constant":[1,1,1]},"max_samples":256,"width":16,"height":16,
             "camera":{"position":[0,0,4],"target":[0,0,0],"yfov_degrees":20}}"#,
     );
     mean(&render(engine, work(&ball(material), &request)), 1)
@@ -172,7 +172,7 @@ fn slabs_transmit_by_fresnels_series(engine: EngineChoice) {
         let r = 0.5 * (across + along);
         let expected = (1.0 - r) * (1.0 - r) / (1.0 - r * r);
         let scene = over_a_lamp(vec![(slab(100.0, 0.0, 0.1), glass(0.0), DAffine3::IDENTITY)]);
-        let got = mean(&render(engine, work(&scene, &down(degrees, 4096))), 1);
+        let got = mean(&render(engine, work(&scene, &down(degrees, 2048))), 1);
         eprintln!("{degrees} degrees: {got:.5} for {expected:.5}");
         assert_near(got, expected, 4e-3);
     }
@@ -182,7 +182,7 @@ fn slabs_absorb_by_beer_and_lambert(engine: EngineChoice) {
     let volume = Volume { attenuation_color: Vec3::new(0.25, 0.5, 1.0), attenuation_distance: 0.5 };
     let extended = Extended { transmission: 1.0, volume: Some(volume), ..Extended::default() };
     let scene = over_a_lamp(vec![(slab(100.0, 0.0, 1.0), with(extended, 0.0, 1.0), DAffine3::IDENTITY)]);
-    let picture = render(engine, work(&scene, &down(0.0, 4096)));
+    let picture = render(engine, work(&scene, &down(0.0, 2048)));
     let r: f64 = 0.04;
     for (channel, part) in [(0, 0.0625), (1, 0.25), (2, 1.0)] {
         let expected = (1.0 - r).powi(2) * part / (1.0 - (r * part).powi(2));
@@ -197,7 +197,7 @@ fn liquids_in_glass_follow_the_same_series(engine: EngineChoice) {
         (slab(100.0, 0.5, 1.0), glass(0.0), DAffine3::IDENTITY),
         (slab(99.0, 0.0, 0.75), water, DAffine3::IDENTITY),
     ]);
-    let got = mean(&render(engine, work(&scene, &down(0.0, 8192))), 1);
+    let got = mean(&render(engine, work(&scene, &down(0.0, 4096))), 1);
     let reflectance = |a: f64, b: f64| ((a - b) / (a + b)).powi(2);
     // Two layers together: R = R1 + T1^2 R2 / (1 - R1 R2), T = T1 T2 / (1 - R1 R2).
     let stack = |a: [f64; 2], b: f64| {

@@ -377,11 +377,17 @@ mod tests {
         assert_eq!((extended.transmission, extended.transmission_texture.unwrap().uv_set), (0.75, 1));
         let volume = Volume { attenuation_color: Vec3::new(1.0, 0.5, 0.25), attenuation_distance: 3.0 };
         assert_eq!((extended.volume, extended.dispersion), (Some(volume), 0.2));
-        assert_eq!((extended.clearcoat, extended.clearcoat_roughness, extended.clearcoat_normal_scale), (1.0, 0.0, 0.5));
+        assert_eq!(
+            (extended.clearcoat, extended.clearcoat_roughness, extended.clearcoat_normal_scale),
+            (1.0, 0.0, 0.5)
+        );
         assert_eq!((extended.sheen_color, extended.sheen_roughness), (Vec3::new(0.1, 0.2, 0.3), 0.4));
         assert_eq!((extended.anisotropy, extended.anisotropy_rotation), (0.6, 1.0));
         assert_eq!((extended.iridescence_ior, extended.iridescence_thickness), (1.3, [100.0, 300.0]));
-        assert_eq!((extended.diffuse_transmission, extended.diffuse_transmission_color), (0.3, Vec3::new(1.0, 0.0, 1.0)));
+        assert_eq!(
+            (extended.diffuse_transmission, extended.diffuse_transmission_color),
+            (0.3, Vec3::new(1.0, 0.0, 1.0))
+        );
         assert_eq!(extended.textures().count(), 3);
     }
 
@@ -391,7 +397,10 @@ mod tests {
             "specularFactor": [0.5, 0.6, 0.7], "glossinessFactor": 0.75});
         let (read, _) = read_json(json!({ "KHR_materials_pbrSpecularGlossiness": glossy })).unwrap();
         let material = read.material;
-        assert_eq!((material.base_color, material.base_color_texture.unwrap().texture), (Vec4::new(0.1, 0.2, 0.3, 0.4), 1));
+        assert_eq!(
+            (material.base_color, material.base_color_texture.unwrap().texture),
+            (Vec4::new(0.1, 0.2, 0.3, 0.4), 1)
+        );
         assert_eq!((material.metallic, material.roughness), (0.0, 0.25));
         let extended = material.extended.unwrap();
         assert!(extended.specular_glossiness);

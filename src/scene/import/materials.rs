@@ -55,8 +55,7 @@ impl Reader<'_> {
         let mut material = Material {
             name: source.name.clone(),
             base_color: Vec4::from(base),
-            base_color_texture: self
-                .texture(core(&pbr.base_color_texture), "pbrMetallicRoughness/baseColorTexture")?,
+            base_color_texture: self.texture(core(&pbr.base_color_texture), "pbrMetallicRoughness/baseColorTexture")?,
             metallic: self.factors([pbr.metallic_factor.unwrap_or(1.0)], "pbrMetallicRoughness/metallicFactor")?[0],
             roughness: self.factors([pbr.roughness_factor.unwrap_or(1.0)], "pbrMetallicRoughness/roughnessFactor")?[0],
             emissive: self.emissive(source)?,

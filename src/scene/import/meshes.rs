@@ -367,7 +367,8 @@ mod tests {
         builder.json["materials"] = json!([{}, base]);
         builder.json["extensionsUsed"] = json!(["KHR_materials_variants"]);
         builder.json["extensions"] = json!({"KHR_materials_variants": {"variants": [{"name": "a"}, {"name": "b"}]}});
-        let mapping = |variants: Value| json!({"KHR_materials_variants": {"mappings": [{"material": 1, "variants": variants}]}});
+        let mapping =
+            |variants: Value| json!({"KHR_materials_variants": {"mappings": [{"material": 1, "variants": variants}]}});
         builder.json["meshes"][0]["primitives"][0]["extensions"] = mapping(json!([1]));
         let scene = scene_of(&builder);
         let primitive = &scene.meshes[0].primitives[0];

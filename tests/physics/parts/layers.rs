@@ -283,13 +283,13 @@ const FAULTS: [(&str, usize, Fault, f64); 3] = [
         0.02,
     ),
     (
-        "width along the grain",
+        "width of normals sampled along the grain",
         6,
         Fault {
-            right: "let seen = normalize(vec3f(alpha * wo.xy, wo.z));",
-            wrong: |e| format!("let seen = normalize(vec3f(alpha * {} * wo.xy, wo.z));", 1.0 + e),
+            right: "return normalize(vec3f(alpha * normal.xy, max(normal.z, 0.0)));",
+            wrong: |e| format!("return normalize(vec3f(alpha * {} * normal.xy, max(normal.z, 0.0)));", 1.0 + e),
         },
-        0.1,
+        0.05,
     ),
 ];
 
