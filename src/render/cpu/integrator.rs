@@ -9,7 +9,7 @@ use super::material::{Bsdf, Model};
 use super::sampler::{Dimension, Sampler};
 use super::sampling::power_heuristic;
 use super::surface::{Surface, coverage};
-use crate::compile::{EnvironmentKind, Hdri, Material};
+use crate::compile::{EnvironmentKind, Extended, Hdri, Material};
 use crate::params::Mode;
 use crate::render::{Strategy, Work};
 use glam::{DMat3, DVec3, DVec4};
@@ -69,14 +69,6 @@ struct Path {
 enum RayKind {
     Path,
     Shadow,
-}
-
-impl Vertex<'_> {
-    /// Whether a direction, in the shading frame and in the world, is on the same side of the mesh as of the shading normal.
-    fn goes_to_its_side(&self, wi: DVec3, direction: DVec3) -> bool {
-        let above = direction.dot(self.surface.geometric_normal);
-        if wi.z > 0.0 { above > 0.0 } else { above < 0.0 }
-    }
 }
 
 impl Integrator {
@@ -150,16 +142,28 @@ impl Integrator {
     }
 
     fn vertex<'a>(&self, surface: &'a Surface, path: &mut Path, sampler: &Sampler) -> Vertex<'a> {
+        if let Some(extended) = surface.material.extended(&self.work.scene).filter(|_| self.model.specular) {
+            return self.layered_vertex(surface, extended, path, sampler);
+        }
+        let z = surface.shading_normal;
+        let (x, y) = z.any_orthonormal_pair();
+        let frame = DMat3::from_cols(x, y, z);
+        let bsdf = Reflection::Core(Bsdf::new(surface.layers(), self.model, frame.transpose() * -path.ray.direction));
+        Vertex { surface, bsdf, frame, crossing: None, media: path.media, bounce: path.bounce }
+    }
+
+    /// Of a material with extensions; apart, so that the way of all others stays short.
+    #[inline(never)]
+    fn layered_vertex<'a>(
+        &self,
+        surface: &'a Surface,
+        extended: &Extended,
+        path: &mut Path,
+        sampler: &Sampler,
+    ) -> Vertex<'a> {
         let (media, bounce) = (path.media, path.bounce);
-        let Some(extended) = surface.material.extended(&self.work.scene).filter(|_| self.model.specular) else {
-            let z = surface.shading_normal;
-            let (x, y) = z.any_orthonormal_pair();
-            let frame = DMat3::from_cols(x, y, z);
-            let bsdf = Bsdf::new(surface.layers(), self.model, frame.transpose() * -path.ray.direction);
-            return Vertex { surface, bsdf: Reflection::Core(bsdf), frame, crossing: None, media, bounce };
-        };
         if extended.dispersion > 0.0 && path.wavelength.is_none() {
-            let place = sampler.chance([u64::from(path.bounce), DISPERSION]);
+            let place = sampler.chance([u64::from(bounce), DISPERSION]);
             path.throughput *= media::colors_at(place);
             path.wavelength = Some(place);
         }
@@ -169,8 +173,7 @@ impl Integrator {
         let frame = layers::frame(surface, Some(extended));
         let wo = frame.transpose() * -path.ray.direction;
         let layered = Layered::new(surface, extended, self.model, &frame, wo, crossing.as_ref(), path.wavelength);
-        let bsdf = Reflection::Layered(Box::new(layered));
-        Vertex { surface, bsdf, frame, crossing, media, bounce }
+        Vertex { surface, bsdf: Reflection::Layered(Box::new(layered)), frame, crossing, media, bounce }
     }
 
     /// Turns the path to where it goes on; false: it ends.
@@ -182,15 +185,16 @@ impl Integrator {
         };
         let direction = vertex.frame * scattered.wi;
         let only_mirrors = self.work.settings.mode == Mode::Direct;
-        if !vertex.goes_to_its_side(scattered.wi, direction) || only_mirrors && scattered.pdf.is_some() {
+        // On the same side of the mesh as of the shading normal.
+        let above = direction.dot(vertex.surface.geometric_normal);
+        if (above > 0.0) != (scattered.wi.z > 0.0) || above == 0.0 || only_mirrors && scattered.pdf.is_some() {
             return false;
         }
         path.throughput *= scattered.weight;
-        if vertex.bsdf.is_straight(scattered.wi) {
-            path.passed += distance;
-        } else {
-            (path.pdf, path.passed) = (scattered.pdf, 0.0);
-        }
+        (path.pdf, path.passed) = match &vertex.bsdf {
+            Reflection::Layered(layered) if layered.is_straight(scattered.wi) => (path.pdf, path.passed + distance),
+            _ => (scattered.pdf, 0.0),
+        };
         if let Some(crossing) = vertex.crossing.as_ref().filter(|_| scattered.wi.z < 0.0) {
             path.media = crossing.beyond;
         }
@@ -241,8 +245,12 @@ impl Integrator {
             Mode::Path => DVec3::ZERO,
         };
         let Some(light) = self.light_sample(vertex, sampler) else { return ambient };
+        let above = light.direction.dot(vertex.surface.geometric_normal);
+        if above <= 0.0 && vertex.bsdf.is_opaque() || light.weight.max_element() <= 0.0 {
+            return ambient;
+        }
         let wi = vertex.frame.transpose() * light.direction.normalize();
-        if !vertex.goes_to_its_side(wi, light.direction) || light.weight.max_element() <= 0.0 {
+        if (above > 0.0) != (wi.z > 0.0) {
             return ambient;
         }
         let (value, pdf) = vertex.bsdf.evaluate(wi);
@@ -261,6 +269,7 @@ impl Integrator {
     }
 
     /// Part of the light that comes through along a shadow ray, past thin and smooth walls and what the ray is in.
+    #[inline(never)]
     fn transmittance(&self, vertex: &Vertex, wi: DVec3, mut ray: Ray, sampler: &Sampler) -> DVec3 {
         let beyond = vertex.crossing.as_ref().filter(|_| wi.z < 0.0).map(|crossing| crossing.beyond);
         let media = beyond.unwrap_or(vertex.media);

@@ -69,9 +69,9 @@ impl Reflection {
         }
     }
 
-    /// Whether a ray that goes on in this direction is one that shadow rays follow too.
-    pub fn is_straight(&self, wi: DVec3) -> bool {
-        matches!(self, Self::Layered(layered) if wi == -layered.wo && layered.straight() != DVec3::ZERO)
+    /// Whether it is certain that no light gets to the other side.
+    pub fn is_opaque(&self) -> bool {
+        matches!(self, Self::Core(_))
     }
 }
 
@@ -138,6 +138,11 @@ impl Layered {
         layered
     }
 
+    /// Whether a ray that goes on in this direction is one that shadow rays follow too.
+    pub fn is_straight(&self, wi: DVec3) -> bool {
+        wi == -self.wo && self.straight() != DVec3::ZERO
+    }
+
     /// Part of the radiance from straight ahead that passes thin, smooth walls.
     pub fn straight(&self) -> DVec3 {
         self.glass.as_ref().map_or(DVec3::ZERO, |(glass, share)| glass.straight() * (share * self.base_share))
@@ -154,6 +159,7 @@ impl Layered {
         if sum > 0.0 { all.map(|weight| weight / sum) } else { [0.0, 0.0, 0.0, 0.0, 1.0] }
     }
 
+    #[inline(never)]
     fn evaluate(&self, wi: DVec3) -> (DVec3, f64) {
         if self.wo.z <= 0.0 || wi.z == 0.0 {
             return (DVec3::ZERO, 0.0);
@@ -184,6 +190,7 @@ impl Layered {
         (value, pdf)
     }
 
+    #[inline(never)]
     fn sample(&self, choice: f64, u: [f64; 2]) -> Option<Scattered> {
         if self.wo.z <= 0.0 {
             return None;
@@ -217,6 +224,7 @@ impl Layered {
     }
 
     /// What is reflected; what passes is left out.
+    #[inline(never)]
     fn albedo(&self) -> DVec3 {
         let coat = self.coat.as_ref().map_or(DVec3::ZERO, |coat| coat.bsdf.albedo() * coat.coverage);
         let sheen = self.sheen.map_or(DVec3::ZERO, |sheen| sheen.color * (sheen.albedo * self.sheen_share));
