@@ -133,7 +133,7 @@ pub(super) fn read(reader: &mut Reader<'_>, source: &schema::Material) -> Result
     }
     let mut extended = Extended::default();
     let out = &mut extended;
-    reader.with(source, "ior", |reader, Ior { ior }| reader.ior(ior, out))?;
+    reader.with(source, "ior", |reader, values: &Ior| reader.ior(values.ior, out))?;
     reader.with(source, "specular", |reader, values| reader.specular(values, out))?;
     reader.with(source, "pbrSpecularGlossiness", |reader, values| reader.specular_of_glossy(values, out))?;
     reader.with(source, "transmission", |reader, values| reader.transmission(values, out))?;
@@ -160,13 +160,13 @@ impl<'a> Reader<'a> {
         &mut self,
         source: &schema::Material,
         name: &str,
-        read: impl FnOnce(&mut Values<'_, 'a>, T) -> Result<(), SceneError>,
+        read: impl FnOnce(&mut Values<'_, 'a>, &T) -> Result<(), SceneError>,
     ) -> Result<(), SceneError> {
         let name = format!("KHR_materials_{name}");
         let Some(content) = source.extensions.get(&name) else { return Ok(()) };
         let place = format!("extensions/{name}");
         let values = document::extension(content, &format!("{}/{place}", self.place))?;
-        read(&mut Values { reader: self, place }, values)
+        read(&mut Values { reader: self, place }, &values)
     }
 }
 
@@ -215,7 +215,7 @@ impl Values<'_, '_> {
         Ok(())
     }
 
-    fn specular(&mut self, values: Specular, out: &mut Extended) -> Result<(), SceneError> {
+    fn specular(&mut self, values: &Specular, out: &mut Extended) -> Result<(), SceneError> {
         out.specular = self.factor(values.specular_factor, 1.0, "specularFactor")?;
         let seen = out.specular > 0.0;
         out.specular_texture = self.texture(values.specular_texture.as_ref(), seen, "specularTexture")?;
@@ -232,7 +232,7 @@ impl Values<'_, '_> {
         Ok(())
     }
 
-    fn specular_of_glossy(&mut self, values: SpecularGlossiness, out: &mut Extended) -> Result<(), SceneError> {
+    fn specular_of_glossy(&mut self, values: &SpecularGlossiness, out: &mut Extended) -> Result<(), SceneError> {
         out.specular_glossiness = true;
         out.specular_color = self.color(values.specular_factor, [1.0; 3], "specularFactor")?;
         let texture = values.specular_glossiness_texture.as_ref();
@@ -240,14 +240,14 @@ impl Values<'_, '_> {
         Ok(())
     }
 
-    fn transmission(&mut self, values: Transmission, out: &mut Extended) -> Result<(), SceneError> {
+    fn transmission(&mut self, values: &Transmission, out: &mut Extended) -> Result<(), SceneError> {
         out.transmission = self.factor(values.transmission_factor, 0.0, "transmissionFactor")?;
         let seen = out.transmission > 0.0;
         out.transmission_texture = self.texture(values.transmission_texture.as_ref(), seen, "transmissionTexture")?;
         Ok(())
     }
 
-    fn diffuse_transmission(&mut self, values: DiffuseTransmission, out: &mut Extended) -> Result<(), SceneError> {
+    fn diffuse_transmission(&mut self, values: &DiffuseTransmission, out: &mut Extended) -> Result<(), SceneError> {
         out.diffuse_transmission = self.factor(values.diffuse_transmission_factor, 0.0, "diffuseTransmissionFactor")?;
         let seen = out.diffuse_transmission > 0.0;
         let texture = values.diffuse_transmission_texture.as_ref();
@@ -260,7 +260,7 @@ impl Values<'_, '_> {
     }
 
     /// The thickness says whether there is a volume at all; how thick it is, the mesh says.
-    fn volume(&mut self, values: VolumeSource, out: &mut Extended) -> Result<(), SceneError> {
+    fn volume(&mut self, values: &VolumeSource, out: &mut Extended) -> Result<(), SceneError> {
         let thickness = non_negative(values.thickness_factor.unwrap_or(0.0), &self.at("thicknessFactor"))?;
         self.texture(values.thickness_texture.as_ref(), false, "thicknessTexture")?;
         let attenuation_color = self.color(values.attenuation_color, [1.0; 3], "attenuationColor")?;
@@ -278,12 +278,12 @@ impl Values<'_, '_> {
         Ok(())
     }
 
-    fn dispersion(&mut self, values: Dispersion, out: &mut Extended) -> Result<(), SceneError> {
+    fn dispersion(&mut self, values: &Dispersion, out: &mut Extended) -> Result<(), SceneError> {
         out.dispersion = non_negative(values.dispersion.unwrap_or(0.0), &self.at("dispersion"))?;
         Ok(())
     }
 
-    fn clearcoat(&mut self, values: Clearcoat, out: &mut Extended) -> Result<(), SceneError> {
+    fn clearcoat(&mut self, values: &Clearcoat, out: &mut Extended) -> Result<(), SceneError> {
         out.clearcoat = self.factor(values.clearcoat_factor, 0.0, "clearcoatFactor")?;
         let seen = out.clearcoat > 0.0;
         out.clearcoat_texture = self.texture(values.clearcoat_texture.as_ref(), seen, "clearcoatTexture")?;
@@ -298,7 +298,7 @@ impl Values<'_, '_> {
         Ok(())
     }
 
-    fn sheen(&mut self, values: Sheen, out: &mut Extended) -> Result<(), SceneError> {
+    fn sheen(&mut self, values: &Sheen, out: &mut Extended) -> Result<(), SceneError> {
         out.sheen_color = self.color(values.sheen_color_factor, [0.0; 3], "sheenColorFactor")?;
         let seen = out.sheen_color != Vec3::ZERO;
         out.sheen_color_texture = self.texture(values.sheen_color_texture.as_ref(), seen, "sheenColorTexture")?;
@@ -308,7 +308,7 @@ impl Values<'_, '_> {
         Ok(())
     }
 
-    fn anisotropy(&mut self, values: Anisotropy, out: &mut Extended) -> Result<(), SceneError> {
+    fn anisotropy(&mut self, values: &Anisotropy, out: &mut Extended) -> Result<(), SceneError> {
         out.anisotropy = self.factor(values.anisotropy_strength, 0.0, "anisotropyStrength")?;
         out.anisotropy_rotation = finite(values.anisotropy_rotation.unwrap_or(0.0), &self.at("anisotropyRotation"))?;
         let seen = out.anisotropy > 0.0;
@@ -316,7 +316,7 @@ impl Values<'_, '_> {
         Ok(())
     }
 
-    fn iridescence(&mut self, values: Iridescence, out: &mut Extended) -> Result<(), SceneError> {
+    fn iridescence(&mut self, values: &Iridescence, out: &mut Extended) -> Result<(), SceneError> {
         out.iridescence = self.factor(values.iridescence_factor, 0.0, "iridescenceFactor")?;
         let seen = out.iridescence > 0.0;
         out.iridescence_texture = self.texture(values.iridescence_texture.as_ref(), seen, "iridescenceTexture")?;
@@ -341,7 +341,7 @@ mod tests {
     use glam::{Vec3, Vec4};
     use serde_json::{Value, json};
 
-    fn read_json(extensions: Value) -> Result<(ReadMaterial, Vec<Warning>), SceneError> {
+    fn read_json(extensions: &Value) -> Result<(ReadMaterial, Vec<Warning>), SceneError> {
         let source = serde_json::from_value(json!({ "extensions": extensions })).unwrap();
         let mut warnings = Warnings::default();
         let read = read(&source, 0, &[Some(0), Some(1)], &mut warnings)?;
@@ -350,14 +350,14 @@ mod tests {
 
     #[test]
     fn a_material_without_extensions_has_none() {
-        assert!(read_json(json!({"KHR_materials_emissive_strength": {}})).unwrap().0.material.extended.is_none());
+        assert!(read_json(&json!({"KHR_materials_emissive_strength": {}})).unwrap().0.material.extended.is_none());
         let unlit = json!({"KHR_materials_unlit": {}, "KHR_materials_clearcoat": {"clearcoatFactor": 1}});
-        assert!(read_json(unlit).unwrap().0.material.extended.is_none());
+        assert!(read_json(&unlit).unwrap().0.material.extended.is_none());
     }
 
     #[test]
     fn values_and_textures_are_read() {
-        let (read, warnings) = read_json(json!({
+        let (read, warnings) = read_json(&json!({
             "KHR_materials_ior": {"ior": 1.8},
             "KHR_materials_specular": {"specularFactor": 0.5, "specularColorFactor": [2, 1, 0], "specularColorTexture": {"index": 1}},
             "KHR_materials_transmission": {"transmissionFactor": 0.75, "transmissionTexture": {"index": 0, "texCoord": 3}},
@@ -395,7 +395,7 @@ mod tests {
     fn specular_glossiness_takes_the_place_of_the_core() {
         let glossy = json!({"diffuseFactor": [0.1, 0.2, 0.3, 0.4], "diffuseTexture": {"index": 1},
             "specularFactor": [0.5, 0.6, 0.7], "glossinessFactor": 0.75});
-        let (read, _) = read_json(json!({ "KHR_materials_pbrSpecularGlossiness": glossy })).unwrap();
+        let (read, _) = read_json(&json!({ "KHR_materials_pbrSpecularGlossiness": glossy })).unwrap();
         let material = read.material;
         assert_eq!(
             (material.base_color, material.base_color_texture.unwrap().texture),
@@ -414,7 +414,7 @@ mod tests {
             "KHR_materials_sheen": {"sheenColorTexture": {"index": 0}},
             "KHR_materials_volume": {"thicknessFactor": 1, "thicknessTexture": {"index": 0}},
         });
-        let (read, _) = read_json(off).unwrap();
+        let (read, _) = read_json(&off).unwrap();
         let extended = read.material.extended.unwrap();
         assert_eq!((extended.textures().count(), extended.volume), (0, None), "nothing transmits");
         assert!(read.uv_sets.is_empty() && read.tangents.is_none());
@@ -422,7 +422,7 @@ mod tests {
 
     #[test]
     fn faults_are_named() {
-        let place = |extensions| read_json(extensions).err().unwrap().pointer;
+        let place = |extensions: Value| read_json(&extensions).err().unwrap().pointer;
         let at = "/materials/0/extensions/";
         assert_eq!(
             place(json!({"KHR_materials_sheen": {"sheenColorFactor": "red"}})),
@@ -433,7 +433,7 @@ mod tests {
             format!("{at}KHR_materials_transmission/transmissionTexture/index")
         );
         assert_eq!(place(json!({"KHR_materials_ior": {"ior": -1}})), format!("{at}KHR_materials_ior/ior"));
-        let (read, warnings) = read_json(json!({"KHR_materials_ior": {"ior": 0.5}})).unwrap();
+        let (read, warnings) = read_json(&json!({"KHR_materials_ior": {"ior": 0.5}})).unwrap();
         assert_eq!((read.material.extended.unwrap().ior, warnings[0].code), (1.0, "factor_clamped"));
     }
 }

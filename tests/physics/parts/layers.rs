@@ -38,10 +38,10 @@ struct Case {
     reciprocal: bool,
 }
 
-fn case(name: &'static str, roughness: f32, metallic: f32, eta: f64, reciprocal: bool, extended: Extended) -> Case {
+fn case(name: &'static str, roughness: f32, metallic: f32, eta: f64, reciprocal: bool, extended: &Extended) -> Case {
     let base = grey(0.8, roughness, metallic);
     let volume = (eta > 0.0).then_some(Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY });
-    let extended = Some(Arc::new(Extended { volume, ..extended }));
+    let extended = Some(Arc::new(Extended { volume, ..extended.clone() }));
     Case { name, material: Material { base_color: Vec4::new(0.8, 0.6, 0.4, 1.0), extended, ..base }, eta, reciprocal }
 }
 
@@ -51,22 +51,22 @@ fn cases() -> [Case; 9] {
     let base = Extended::default;
     let tinted = Vec3::new(1.5, 0.8, 0.3);
     [
-        case("specular", 0.4, 0.3, 0.0, true, Extended { ior: 1.8, specular: 0.7, specular_color: tinted, ..base() }),
-        case("rough glass", 0.4, 0.0, 1.5, false, Extended { transmission: 1.0, ..base() }),
-        case("rough glass from within", 0.4, 0.0, 1.0 / 1.5, false, Extended { transmission: 1.0, ..base() }),
-        case("rough wall", 0.4, 0.2, 0.0, false, Extended { transmission: 0.6, ..base() }),
-        case("coat", 0.6, 0.5, 0.0, false, Extended { clearcoat: 0.8, clearcoat_roughness: 0.3, ..base() }),
+        case("specular", 0.4, 0.3, 0.0, true, &Extended { ior: 1.8, specular: 0.7, specular_color: tinted, ..base() }),
+        case("rough glass", 0.4, 0.0, 1.5, false, &Extended { transmission: 1.0, ..base() }),
+        case("rough glass from within", 0.4, 0.0, 1.0 / 1.5, false, &Extended { transmission: 1.0, ..base() }),
+        case("rough wall", 0.4, 0.2, 0.0, false, &Extended { transmission: 0.6, ..base() }),
+        case("coat", 0.6, 0.5, 0.0, false, &Extended { clearcoat: 0.8, clearcoat_roughness: 0.3, ..base() }),
         case(
             "sheen",
             0.6,
             0.0,
             0.0,
             false,
-            Extended { sheen_color: tinted.min(Vec3::ONE), sheen_roughness: 0.4, ..base() },
+            &Extended { sheen_color: tinted.min(Vec3::ONE), sheen_roughness: 0.4, ..base() },
         ),
-        case("grain", 0.3, 0.5, 0.0, true, Extended { anisotropy: 0.7, ..base() }),
-        case("film", 0.3, 0.4, 0.0, false, Extended { iridescence: 0.9, ..base() }),
-        case("passing diffusely", 0.4, 0.1, 0.0, true, Extended { diffuse_transmission: 0.5, ..base() }),
+        case("grain", 0.3, 0.5, 0.0, true, &Extended { anisotropy: 0.7, ..base() }),
+        case("film", 0.3, 0.4, 0.0, false, &Extended { iridescence: 0.9, ..base() }),
+        case("passing diffusely", 0.4, 0.1, 0.0, true, &Extended { diffuse_transmission: 0.5, ..base() }),
     ]
 }
 
@@ -105,7 +105,7 @@ impl Shader {
         kernels.entry((case.name, entry)).or_insert_with(make).run(&[viewers, others])
     }
 
-    fn from_one_viewer(&self, entry: &'static str, case: &Case, wo: DVec3, u: &[[f64; 3]]) -> Vec<[f64; 4]> {
+    fn seen_from(&self, entry: &'static str, case: &Case, wo: DVec3, u: &[[f64; 3]]) -> Vec<[f64; 4]> {
         let choices: Vec<_> = u.iter().map(|u| words([u[0], u[1], u[2], 0.0])).collect();
         self.run(entry, case, &vec![words([wo.x, wo.y, wo.z, case.eta]); u.len()], &choices)
     }
@@ -117,12 +117,12 @@ impl Lobes for Shader {
     }
 
     fn sample(&self, case: &Case, wo: DVec3, u: &[[f64; 3]]) -> Vec<Option<(DVec3, f64)>> {
-        let results = self.from_one_viewer("layers_sample", case, wo, u);
+        let results = self.seen_from("layers_sample", case, wo, u);
         results.into_iter().map(|[x, y, z, pdf]| (pdf > 0.0).then_some((DVec3::new(x, y, z), pdf))).collect()
     }
 
     fn weights(&self, case: &Case, wo: DVec3, u: &[[f64; 3]]) -> Vec<DVec3> {
-        let results = self.from_one_viewer("layers_weight", case, wo, u);
+        let results = self.seen_from("layers_weight", case, wo, u);
         results.into_iter().map(|[r, g, b, _]| DVec3::new(r, g, b)).collect()
     }
 
