@@ -1,6 +1,6 @@
 //! [`CompiledScene`] and its parts, as kernels read them.
 
-use super::NONE;
+use super::{Extended, NONE};
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
@@ -25,6 +25,8 @@ pub struct CompiledScene {
     pub instances: Vec<Instance>,
     /// Materials in use.
     pub materials: Vec<Material>,
+    /// What extensions add to some of them.
+    pub extended: Vec<Extended>,
     /// sRGB texels (base colour, emission), RGBA8, pages of `page_size`^2.
     pub color_pages: TexturePages,
     /// Linear texels (metallic-roughness, normals), RGBA8.
@@ -165,7 +167,8 @@ pub struct Material {
     pub normal_scale: f32,
     /// Mask: threshold. Blend: -1. Opaque: -2.
     pub alpha_cutoff: f32,
-    /// [`Material::DOUBLE_SIDED`] and so on.
+    /// [`Material::DOUBLE_SIDED`] and so on; from [`Material::EXTENDED_SHIFT`] on one more than the index into
+    /// `CompiledScene::extended`, or 0.
     pub flags: u32,
     /// sRGB.
     pub base_color_texture: TextureSlot,
@@ -182,6 +185,16 @@ impl Material {
     pub const DOUBLE_SIDED: u32 = 1;
     /// Base colour is shown as it is.
     pub const UNLIT: u32 = 2;
+    /// Seen from within too: the mesh is filled (KHR_materials_volume).
+    pub const FILLED: u32 = 4;
+    /// Bits below the index of its extensions.
+    pub const EXTENDED_SHIFT: u32 = 8;
+
+    /// What extensions add.
+    pub fn extended<'a>(&self, scene: &'a CompiledScene) -> Option<&'a Extended> {
+        let place = self.flags >> Self::EXTENDED_SHIFT;
+        place.checked_sub(1).and_then(|index| scene.extended.get(index as usize))
+    }
 }
 
 /// Where the texels of a texture lie and how they are read.

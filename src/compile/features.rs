@@ -1,7 +1,9 @@
 //! What a picture needs. A feature that no material, light or camera uses costs nothing: each becomes an override
 //! constant of the kernel, and the driver removes what is dead.
 
-use super::{CompiledScene, Environment, EnvironmentKind, Lens, Lighting, Material, NONE, TextureSlot, Triangle, View};
+use super::{
+    CompiledScene, Environment, EnvironmentKind, Extended, Lens, Lighting, Material, NONE, TextureSlot, Triangle, View,
+};
 use crate::params::{Mode, RenderParams};
 use glam::Vec3;
 
@@ -32,6 +34,26 @@ pub struct Features {
     pub specular: bool,
     /// Some material has roughness so low that it is a perfect mirror (or a texture that may say so).
     pub mirror: bool,
+    /// Some material has extensions.
+    pub extended: bool,
+    /// Some surface lets light through.
+    pub transmission: bool,
+    /// Some mesh is filled with something that light gets into.
+    pub volume: bool,
+    /// Some surface lets shadow rays pass straight.
+    pub thin: bool,
+    /// Some light passes diffusely.
+    pub diffuse_transmission: bool,
+    /// Some material splits light into colours.
+    pub dispersion: bool,
+    /// Some material has a coat.
+    pub clearcoat: bool,
+    /// Some material has sheen.
+    pub sheen: bool,
+    /// Some material has a grain.
+    pub anisotropy: bool,
+    /// Some material has a thin film.
+    pub iridescence: bool,
     /// There are punctual lights.
     pub punctual: bool,
     /// There are emitting triangles.
@@ -51,6 +73,7 @@ pub const MIRROR_ROUGHNESS: f32 = 0.01;
 pub fn features(scene: &CompiledScene, lighting: &Lighting, view: &View, params: &RenderParams) -> Features {
     let some = |test: &dyn Fn(&Material) -> bool| scene.materials.iter().any(test);
     let reads = |slot: fn(&Material) -> &TextureSlot| some(&|material| slot(material).info != NONE);
+    let extension = |test: &dyn Fn(&Extended) -> bool| scene.extended.iter().any(test);
     let path = params.mode == Mode::Path;
     Features {
         two_level: scene.two_level,
@@ -65,6 +88,16 @@ pub fn features(scene: &CompiledScene, lighting: &Lighting, view: &View, params:
         unlit: some(&|material| material.flags & Material::UNLIT != 0),
         specular: some(&|material| material.flags & Material::UNLIT == 0),
         mirror: scene.min_roughness < MIRROR_ROUGHNESS,
+        extended: !scene.extended.is_empty(),
+        transmission: extension(&|extended| extended.transmission > 0.0),
+        volume: extension(&|extended| extended.flags & Extended::THICK != 0),
+        thin: extension(&Extended::passes_straight),
+        diffuse_transmission: extension(&|extended| extended.diffuse_transmission > 0.0),
+        dispersion: extension(&|extended| extended.dispersion > 0.0),
+        clearcoat: extension(&|extended| extended.clearcoat > 0.0),
+        sheen: extension(&|extended| extended.sheen_color.iter().any(|channel| *channel > 0.0)),
+        anisotropy: extension(&|extended| extended.anisotropy > 0.0),
+        iridescence: extension(&|extended| extended.iridescence > 0.0),
         punctual: !lighting.lights.is_empty(),
         emitters: path && !scene.emitters.is_empty(),
         environment: environment_code(&lighting.environment),

@@ -9,6 +9,7 @@ use super::textures::{Space, Textures};
 use super::vertices::{self, Placement, UV_SETS};
 use super::walk::invalid;
 use super::{CompileError, CompileStats, CompiledScene, NONE, Triangle};
+use crate::params::FieldError;
 use crate::scene::{Mesh, Primitive, Scene, SceneError, TextureRef};
 use glam::{DAffine3, Vec2, Vec3};
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,7 +24,20 @@ const MAX_EMITTERS: u64 = 1 << 26;
 /// [`CompileError::Params`] if there is no scene of that index, [`CompileError::Scene`] if an image cannot be decoded
 /// or the scene is beyond a limit.
 pub fn compile_scene(scene: &Scene, scene_index: Option<usize>) -> Result<CompiledScene, CompileError> {
-    let groups = Groups::new(scene, scene_index)?;
+    compile_variant(scene, scene_index, None)
+}
+
+/// The same with the materials of a variant, by its name; none: the default ones.
+///
+/// # Errors
+/// Those of [`compile_scene`], and [`CompileError::Params`] if the file has no variant of that name.
+pub fn compile_variant(
+    scene: &Scene,
+    scene_index: Option<usize>,
+    variant: Option<&str>,
+) -> Result<CompiledScene, CompileError> {
+    let variant = variant.map(|name| variant_index(scene, name)).transpose()?;
+    let groups = Groups::new(scene, scene_index, variant)?;
     groups.check_size()?;
     let origin = groups.centre()?;
     let keys = groups.primitives().map(|primitive| primitive.material).collect();
@@ -37,7 +51,7 @@ pub fn compile_scene(scene: &Scene, scene_index: Option<usize>) -> Result<Compil
     groups.check_vertices(&layout)?;
 
     let surfaces =
-        Surfaces { table: &table, alpha: table.alpha_tests(&textures), emissions: table.emissions(&textures) };
+        Surfaces { table: &table, variant, alpha: table.alpha_tests(&textures), emissions: table.emissions(&textures) };
     let mut compiled = CompiledScene { origin, layout, ..CompiledScene::default() };
     let merged = merged_soup(&groups, &surfaces, &mut compiled);
     let soups: Vec<Soup> =
@@ -55,10 +69,22 @@ pub fn compile_scene(scene: &Scene, scene_index: Option<usize>) -> Result<Compil
     };
     drop(surfaces);
     compiled.materials = table.materials;
+    compiled.extended = table.extended;
     compiled.color_pages = textures.color;
     compiled.data_pages = textures.data;
     compiled.min_roughness = materials::min_roughness(&compiled);
     Ok(compiled)
+}
+
+fn variant_index(scene: &Scene, name: &str) -> Result<usize, FieldError> {
+    scene.variants.iter().position(|variant| variant == name).ok_or_else(|| {
+        let known = if scene.variants.is_empty() {
+            "the file has none (KHR_materials_variants)".to_owned()
+        } else {
+            format!("the file has {}", scene.variants.join(", "))
+        };
+        FieldError::new("/params/variant", format!("there is no variant `{name}`; {known}"))
+    })
 }
 
 /// Uses of textures by the materials behind the keys.
@@ -105,6 +131,7 @@ fn object_soup(mesh: &Mesh, surfaces: &Surfaces, compiled: &mut CompiledScene) -
 /// What materials say about triangles.
 struct Surfaces<'a> {
     table: &'a Table,
+    variant: Option<usize>,
     alpha: Vec<AlphaTest<'a>>,
     emissions: Vec<Emission<'a>>,
 }
@@ -124,7 +151,7 @@ pub struct Soup {
 
 impl Soup {
     fn add_mesh(&mut self, mesh: &Mesh, placement: &Placement, surfaces: &Surfaces, compiled: &mut CompiledScene) {
-        for primitive in &mesh.primitives {
+        for primitive in mesh.primitives.iter().map(|primitive| primitive.of_variant(surfaces.variant)) {
             let first_vertex = compiled.vertex_count();
             vertices::push(&mut compiled.vertices, &compiled.layout, primitive, placement);
             self.add_primitive(primitive, placement, surfaces, first_vertex, &mut compiled.stats);

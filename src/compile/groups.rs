@@ -24,6 +24,8 @@ pub struct Groups<'a> {
     pub merged: Vec<(&'a Mesh, DAffine3)>,
     /// Drawn several times each.
     pub instanced: Vec<Group<'a>>,
+    /// Variant of the materials, an index into [`Scene::variants`].
+    pub variant: Option<usize>,
 }
 
 /// A mesh stored once and drawn several times.
@@ -36,7 +38,7 @@ pub struct Group<'a> {
 
 impl<'a> Groups<'a> {
     /// Sorts what a scene of the file shows.
-    pub fn new(scene: &'a Scene, scene_index: Option<usize>) -> Result<Self, CompileError> {
+    pub fn new(scene: &'a Scene, scene_index: Option<usize>, variant: Option<usize>) -> Result<Self, CompileError> {
         let mut by_mesh: BTreeMap<usize, Vec<DAffine3>> = BTreeMap::new();
         for placed in placed_nodes(scene, scene_index)? {
             let Some(mesh) = scene.nodes[placed.node].mesh else { continue };
@@ -45,7 +47,7 @@ impl<'a> Groups<'a> {
                 by_mesh.entry(mesh).or_default().push(placed.world);
             }
         }
-        let mut groups = Self { merged: Vec::new(), instanced: Vec::new() };
+        let mut groups = Self { merged: Vec::new(), instanced: Vec::new(), variant };
         for (mesh, worlds) in by_mesh {
             let Some(mesh) = scene.meshes.get(mesh) else { continue };
             let (worlds, flat): (Vec<_>, Vec<_>) = worlds.into_iter().partition(is_invertible);
@@ -65,7 +67,7 @@ impl<'a> Groups<'a> {
 
     /// Everything that is stored.
     pub fn primitives(&self) -> impl Iterator<Item = &'a Primitive> {
-        self.meshes().flat_map(|mesh| &mesh.primitives)
+        self.meshes().flat_map(|mesh| &mesh.primitives).map(|primitive| primitive.of_variant(self.variant))
     }
 
     /// Refuses too many triangles or instances.

@@ -2,9 +2,11 @@
 
 use super::alpha::AlphaTest;
 use super::emitters::Emission;
+use super::extended::{self, Extended};
+use super::features::MIRROR_ROUGHNESS;
 use super::texels::Texels;
 use super::textures::{Space, Textures};
-use super::{CompiledScene, Material};
+use super::{CompiledScene, Material, NONE, Slot};
 use crate::scene::{self, AlphaMode, Scene, TextureRef};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -24,7 +26,8 @@ pub fn uses(material: &scene::Material) -> Vec<(Space, TextureRef)> {
         (Space::Data, material.normal_texture),
     ];
     let base = [(Space::Color, material.base_color_texture)];
-    let lit = lit.into_iter().filter(|_| !material.unlit);
+    let extended = material.extended.iter().flat_map(|extended| extended::uses(extended));
+    let lit = lit.into_iter().chain(extended).filter(|_| !material.unlit);
     base.into_iter().chain(lit).filter_map(|(space, use_)| Some((space, use_?))).collect()
 }
 
@@ -37,6 +40,8 @@ fn emits(material: &scene::Material) -> bool {
 pub struct Table {
     /// As kernels read them.
     pub materials: Vec<Material>,
+    /// What extensions add to some of them.
+    pub extended: Vec<Extended>,
     index: BTreeMap<Key, usize>,
     modes: Vec<AlphaMode>,
 }
@@ -46,9 +51,18 @@ impl Table {
     pub fn new(scene: &Scene, keys: &BTreeSet<Key>, textures: &Textures) -> Self {
         let mut table = Self::default();
         let mut known: HashMap<Vec<u8>, usize> = HashMap::new();
+        let mut known_extended: HashMap<Vec<u8>, u32> = HashMap::new();
         for key in keys {
             let source = source(scene, *key);
-            let material = compile(scene, &source, textures);
+            let mut material = compile(scene, &source, textures);
+            if let Some(extended) = source.extended.as_ref().filter(|_| !source.unlit) {
+                let extended = Extended::new(scene, extended, textures);
+                let place = known_extended.entry(bytemuck::bytes_of(&extended).to_vec()).or_insert_with(|| {
+                    table.extended.push(extended);
+                    table.extended.len() as u32
+                });
+                material.flags |= *place << Material::EXTENDED_SHIFT;
+            }
             let next = table.materials.len();
             let index = *known.entry(bytemuck::bytes_of(&material).to_vec()).or_insert(next);
             if index == next {
@@ -92,7 +106,9 @@ fn compile(scene: &Scene, source: &scene::Material, textures: &Textures) -> Mate
             AlphaMode::Blend => -1.0,
             AlphaMode::Mask { cutoff } => cutoff.max(0.0),
         },
-        flags: flag(source.double_sided, Material::DOUBLE_SIDED) | flag(source.unlit, Material::UNLIT),
+        flags: flag(source.double_sided, Material::DOUBLE_SIDED)
+            | flag(source.unlit, Material::UNLIT)
+            | flag(lit && source.extended.as_ref().is_some_and(|e| e.volume.is_some()), Material::FILLED),
         base_color_texture: slot(Space::Color, source.base_color_texture, true),
         emissive_texture: slot(Space::Color, source.emissive_texture, emits(source)),
         metallic_roughness_texture: slot(Space::Data, source.metallic_roughness_texture, lit),
@@ -104,6 +120,15 @@ fn compile(scene: &Scene, source: &scene::Material, textures: &Textures) -> Mate
 pub fn min_roughness(compiled: &CompiledScene) -> f32 {
     let lit = compiled.materials.iter().filter(|material| material.flags & Material::UNLIT == 0);
     let lowest = lit.map(|material| {
+        if let Some(extended) = material.extended(compiled) {
+            // Coats and glossiness maps have a roughness of their own.
+            let coat = extended.clearcoat > 0.0 && extended.clearcoat_roughness < MIRROR_ROUGHNESS;
+            let map = extended.texture(Slot::ClearcoatRoughness).info != NONE
+                || extended.flags & Extended::SPECULAR_GLOSSINESS != 0;
+            if coat || map {
+                return 0.0;
+            }
+        }
         let texels = Texels::new(&compiled.data_pages, &material.metallic_roughness_texture);
         let texture = texels.and_then(|texels| texels.iter().map(|texel| texel[1]).min());
         material.roughness * texture.map_or(1.0, |green| f32::from(green) / 255.0)

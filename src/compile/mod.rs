@@ -18,6 +18,7 @@ mod camera;
 mod compiled;
 mod emitters;
 mod environment;
+mod extended;
 pub mod features;
 mod framing;
 mod geometry;
@@ -40,8 +41,9 @@ pub use compiled::{
     Bounds, BvhNode, CompileStats, CompiledScene, Emitter, Instance, Material, TexturePages, TextureSlot, Triangle,
     VertexLayout,
 };
+pub use extended::{Extended, SLOTS, Slot};
 pub use features::{Features, features};
-pub use geometry::compile_scene;
+pub use geometry::{compile_scene, compile_variant};
 pub use hdri::{ENVIRONMENT_PIXELS, HdriError, decode_hdri};
 pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight,

@@ -12,7 +12,7 @@ pub fn layout<'a>(drawn: impl Iterator<Item = (&'a Primitive, &'a Material)>, uv
     let (mut normal, mut tangent, mut color) = (false, false, false);
     for (primitive, material) in drawn {
         normal |= primitive.normals.is_some();
-        tangent |= primitive.tangents.is_some() && material.normal_texture.is_some() && !material.unlit;
+        tangent |= primitive.tangents.is_some() && material.reads_tangents();
         color |= primitive.colors.is_some();
     }
     let mut stride = 0;

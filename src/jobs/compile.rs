@@ -14,7 +14,7 @@ use std::time::Instant;
 pub(super) fn compile(job: Arc<Job>, order: &Order, memory_limit: u64) -> Result<Ready, Problem> {
     let begun = Instant::now();
     let params = &order.params;
-    let compiled = order.scene.compile(params.scene)?;
+    let compiled = order.scene.compile(params.scene, params.variant.as_deref())?;
     let bytes = film_bytes(params.width, params.height) + compiled_bytes(&compiled);
     if bytes > memory_limit {
         let detail = format!(

@@ -219,7 +219,7 @@ impl Service {
     async fn compile(self, job: Arc<Job>) {
         let Some(order) = job.take_order() else { return };
         let limit = self.core.limits.job_memory_bytes;
-        let at_hand = order.scene.is_compiled(order.params.scene);
+        let at_hand = order.scene.is_compiled(order.params.scene, order.params.variant.as_deref());
         let compiling = {
             let job = Arc::clone(&job);
             move || compile::compile(job, &order, limit)

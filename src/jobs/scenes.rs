@@ -22,8 +22,11 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Compiled form of one of the file's scenes; locked while it is being made, so that the next caller waits for it.
+/// Compiled form of one of the file's scenes in one of its variants; locked while it is being made, so that the next caller waits for it.
 type Slot = Arc<Mutex<Option<Arc<CompiledScene>>>>;
+
+/// Index of one of the file's scenes, and name of the variant.
+type Key = (usize, Option<String>);
 
 /// An imported scene and what has been compiled of it.
 #[derive(Debug)]
@@ -35,7 +38,7 @@ pub struct StoredScene {
     /// Bytes of the upload.
     pub upload_bytes: u64,
     scene_bytes: u64,
-    compiled: Mutex<HashMap<usize, Slot>>,
+    compiled: Mutex<HashMap<Key, Slot>>,
 }
 
 impl StoredScene {
@@ -46,29 +49,31 @@ impl StoredScene {
     }
 
     /// Whether [`Self::compile`] would return at once.
-    pub fn is_compiled(&self, index: Option<usize>) -> bool {
-        self.slots().get(&self.resolve(index)).and_then(ready).is_some()
+    pub fn is_compiled(&self, index: Option<usize>, variant: Option<&str>) -> bool {
+        self.slots().get(&self.resolve(index, variant)).and_then(ready).is_some()
     }
 
-    /// The compiled form of one of the file's scenes. Blocks; of several callers one compiles and the others wait.
-    pub fn compile(&self, index: Option<usize>) -> Result<Arc<CompiledScene>, CompileError> {
-        if index.is_some_and(|index| index >= self.scene.scenes.len()) {
+    /// The compiled form of one of the file's scenes in a variant. Blocks; of several callers one compiles and the others wait.
+    pub fn compile(&self, index: Option<usize>, variant: Option<&str>) -> Result<Arc<CompiledScene>, CompileError> {
+        let compile = || compile::compile_variant(&self.scene, index, variant).map(Arc::new);
+        let no_scene = index.is_some_and(|index| index >= self.scene.scenes.len());
+        if no_scene || variant.is_some_and(|name| !self.scene.variants.iter().any(|variant| variant == name)) {
             // Not kept: the client could name any number of such scenes.
-            return compile::compile_scene(&self.scene, index).map(Arc::new);
+            return compile();
         }
-        let slot = Arc::clone(self.slots().entry(self.resolve(index)).or_default());
+        let slot = Arc::clone(self.slots().entry(self.resolve(index, variant)).or_default());
         let mut compiled = slot.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(compiled) = compiled.as_ref() {
             return Ok(Arc::clone(compiled));
         }
-        Ok(Arc::clone(compiled.insert(Arc::new(compile::compile_scene(&self.scene, index)?))))
+        Ok(Arc::clone(compiled.insert(compile()?)))
     }
 
-    fn resolve(&self, index: Option<usize>) -> usize {
-        index.or(self.scene.default_scene).unwrap_or(0)
+    fn resolve(&self, index: Option<usize>, variant: Option<&str>) -> Key {
+        (index.or(self.scene.default_scene).unwrap_or(0), variant.map(str::to_owned))
     }
 
-    fn slots(&self) -> MutexGuard<'_, HashMap<usize, Slot>> {
+    fn slots(&self) -> MutexGuard<'_, HashMap<Key, Slot>> {
         self.compiled.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -113,6 +118,7 @@ fn ready(slot: &Slot) -> Option<Arc<CompiledScene>> {
 /// Memory of a scene: meshes and encoded images.
 fn scene_bytes(scene: &Scene) -> u64 {
     let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let primitives = primitives.flat_map(|p| p.alternatives.iter().map(|(_, other)| other).chain([p]));
     let meshes: usize = primitives
         .map(|p| {
             let optional = p.normals.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
@@ -135,6 +141,7 @@ pub fn compiled_bytes(scene: &CompiledScene) -> u64 {
         + size_of_val(scene.vertices.as_slice())
         + size_of_val(scene.instances.as_slice())
         + size_of_val(scene.materials.as_slice())
+        + size_of_val(scene.extended.as_slice())
         + size_of_val(scene.emitters.as_slice())
         + pages;
     bytes as u64

@@ -31,6 +31,8 @@ pub struct RenderParams {
     pub height: u32,
     /// Index of the glTF scene to draw; none: the file's default scene, else its first.
     pub scene: Option<usize>,
+    /// Name of the variant whose materials are drawn (KHR_materials_variants); none: the default materials.
+    pub variant: Option<String>,
     /// Where to look from; none: the scene's first camera, else automatic framing.
     pub camera: Option<CameraParams>,
     /// Lights added to those of the file.
@@ -73,6 +75,7 @@ impl Default for RenderParams {
             width: 1200,
             height: 500,
             scene: None,
+            variant: None,
             camera: None,
             lights: Vec::new(),
             scene_lights: true,

@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 use std::collections::HashSet;
 
 /// Fields that are text even if they look like a number.
-const TEXTS: [&str; 2] = ["camera.name", "environment.hdri"];
+const TEXTS: [&str; 3] = ["camera.name", "environment.hdri", "variant"];
 
 /// Longest path of names; no parameter lies deeper.
 const MAX_DEPTH: usize = 8;

@@ -67,7 +67,7 @@ fn lobe_albedo(cosine: f64, roughness: f64) -> [f64; 2] {
 }
 
 /// A visible normal by spherical caps (Dupuy and Benyoub 2023); `wo` lies in the xz plane.
-fn visible_normal(alpha: f64, wo: [f64; 3], u: [f64; 2]) -> [f64; 3] {
+pub(super) fn visible_normal(alpha: f64, wo: [f64; 3], u: [f64; 2]) -> [f64; 3] {
     let length = (alpha * wo[0]).hypot(wo[2]);
     let stretched = [alpha * wo[0] / length, wo[2] / length];
     let phi = 2.0 * PI * u[0];

@@ -5,6 +5,7 @@ pub mod cpu;
 mod engines;
 pub mod forecast;
 pub mod gpu;
+pub mod layer_albedo;
 mod plan;
 pub mod prepare;
 pub mod reach;

@@ -1,7 +1,7 @@
 //! The one way from a scene and a request to [`Work`], and from [`Work`] to a film where nothing else wants the device.
 
 use super::{DeviceInfo, Engine, NonFinite, RenderError, Settings, StopReason, Strategy, Work};
-use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Hdri, Lighting};
+use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Features, Hdri, Lighting};
 use crate::film::Film;
 use crate::params::RenderParams;
 use crate::scene::{Scene, Warning};
@@ -40,6 +40,7 @@ pub fn prepare(
     let features = compile::features(&compiled, &lighting, &view, params);
     let mut warnings = scene.warnings.clone();
     warnings.extend(blackness(&compiled, &lighting, features.unlit));
+    warnings.extend(beyond_glass(&features));
     let work = Work { scene: compiled, lighting: Arc::new(lighting), view, features, settings: Settings::from(params) };
     Ok(Prepared { work, defaults, biases: params.biases(), warnings })
 }
@@ -59,6 +60,18 @@ fn blackness(compiled: &CompiledScene, lighting: &Lighting, unlit: bool) -> Opti
     } else {
         None
     }
+}
+
+/// Light that no path can find: a point or a direction behind what bends light or scatters it.
+fn beyond_glass(features: &Features) -> Option<Warning> {
+    let detail = "what is inside or behind a filled body (KHR_materials_volume) gets no light through it from point, spot and \
+                  directional lights, because no path that it bends can meet them: light it with an emitting mesh or an \
+                  environment; thin and smooth walls (thickness 0, roughness 0) do let such light through";
+    (features.punctual && features.volume).then(|| Warning {
+        code: "light_behind_glass",
+        pointer: "/lights".into(),
+        detail: detail.into(),
+    })
 }
 
 impl From<&RenderParams> for Settings {

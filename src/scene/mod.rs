@@ -6,12 +6,14 @@
 
 mod describe;
 mod error;
+mod extended;
 mod import;
 mod limits;
 mod package;
 
 pub use describe::{Description, describe};
 pub use error::{SceneError, SceneErrorKind, Warning};
+pub use extended::{Extended, Volume};
 pub use import::import;
 pub use limits::Limits;
 pub use package::Package;
@@ -111,8 +113,8 @@ pub struct Primitive {
     pub positions: Vec<Vec3>,
     /// Unit length, or zero where the geometric normal stands in; none: flat shading (glTF 2.0, 3.7.2.1).
     pub normals: Option<Vec<Vec3>>,
-    /// xyz of unit length (or zero: none could be made), w the sign of the bitangent. Present only if the material has a
-    /// normal map and the primitive its texture coordinates.
+    /// xyz of unit length (or zero: none could be made), w the sign of the bitangent. Present only if the material reads
+    /// tangents and the primitive has texture coordinates for them.
     pub tangents: Option<Vec<Vec4>>,
     /// Texture coordinates that the material reads, by `TextureRef::uv_set`.
     pub uvs: Vec<Vec<Vec2>>,
@@ -122,6 +124,17 @@ pub struct Primitive {
     pub triangles: Vec<[u32; 3]>,
     /// Index into [`Scene::materials`]; none: the default material.
     pub material: Option<usize>,
+    /// What stands in its place where other variants are drawn (KHR_materials_variants): each with the indices into
+    /// [`Scene::variants`] that it is for, and the same triangles with the attributes that its material reads.
+    pub alternatives: Vec<(Vec<usize>, Primitive)>,
+}
+
+impl Primitive {
+    /// The primitive as a variant shows it.
+    pub fn of_variant(&self, variant: Option<usize>) -> &Self {
+        let shown = |variant| self.alternatives.iter().find(|(variants, _)| variants.contains(&variant));
+        variant.and_then(shown).map_or(self, |(_, primitive)| primitive)
+    }
 }
 
 /// How a material's alpha is read.
@@ -168,6 +181,8 @@ pub struct Material {
     pub double_sided: bool,
     /// KHR_materials_unlit: base colour is shown as it is.
     pub unlit: bool,
+    /// What extensions add; none: nothing.
+    pub extended: Option<Arc<Extended>>,
 }
 
 impl Default for Material {
@@ -187,15 +202,24 @@ impl Default for Material {
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
             unlit: false,
+            extended: None,
         }
     }
 }
 
 impl Material {
+    /// Whether anything of it turns with the surface's tangents.
+    pub fn reads_tangents(&self) -> bool {
+        let extended =
+            |extended: &Arc<Extended>| extended.anisotropy > 0.0 || extended.clearcoat_normal_texture.is_some();
+        !self.unlit && (self.normal_texture.is_some() || self.extended.as_ref().is_some_and(extended))
+    }
+
     /// The textures that it reads.
     pub fn textures(&self) -> impl Iterator<Item = &TextureRef> {
         let color = self.base_color_texture.iter().chain(&self.emissive_texture);
-        color.chain(&self.metallic_roughness_texture).chain(&self.normal_texture)
+        let core = color.chain(&self.metallic_roughness_texture).chain(&self.normal_texture);
+        core.chain(self.extended.iter().flat_map(|extended| extended.textures()))
     }
 }
 

@@ -6,6 +6,7 @@ mod support;
 mod closed_form;
 mod direct;
 mod invariance;
+mod materials;
 mod parts;
 mod stability;
 mod third_party;

@@ -7,8 +7,6 @@ use candela::scene::{SceneErrorKind, describe};
 const REFUSED: &[(&str, &str)] = &[
     ("assets/scenes/BoxTextured_meshopt.glb", "EXT_meshopt_compression"),
     ("assets/scenes/Box_Draco.glb", "KHR_draco_mesh_compression"),
-    ("assets/scenes/IridescenceSuzanne.glb", "KHR_materials_iridescence"),
-    ("assets/scenes/blender-io_15_transmission/15_transmission.gltf", "KHR_materials_transmission"),
 ];
 
 #[test]

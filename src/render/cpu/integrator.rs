@@ -3,12 +3,13 @@
 use super::bvh::{Bvh, Hit, Ray, TriangleId};
 use super::camera::Camera;
 use super::environment;
+use super::layers::{self, Crossing, Layered, Media, Reflection, media};
 use super::light::{self, LightSample, LightSampler};
 use super::material::{Bsdf, Model};
 use super::sampler::{Dimension, Sampler};
 use super::sampling::power_heuristic;
 use super::surface::{Surface, coverage};
-use crate::compile::{EnvironmentKind, Hdri, Material};
+use crate::compile::{EnvironmentKind, Extended, Hdri, Material};
 use crate::params::Mode;
 use crate::render::{Strategy, Work};
 use glam::{DMat3, DVec3, DVec4};
@@ -17,6 +18,12 @@ use glam::{DMat3, DVec3, DVec4};
 const ROULETTE_START: u32 = 3;
 /// Most probable survival.
 const ROULETTE_MOST: f64 = 0.95;
+
+/// Thin walls that light comes through; behind more it is dark.
+const MOST_WALLS: u32 = 1000;
+
+/// Key of the random number for the colour that a path follows.
+const DISPERSION: u64 = 0x6469_7370;
 
 /// Everything that a path reads.
 #[derive(Debug)]
@@ -31,9 +38,13 @@ pub struct Integrator {
 /// A point where light is scattered, seen from where the path came.
 struct Vertex<'a> {
     surface: &'a Surface<'a>,
-    bsdf: Bsdf,
+    bsdf: Reflection,
     /// From the shading frame to the world.
     frame: DMat3,
+    /// The surface of a filled mesh.
+    crossing: Option<Crossing>,
+    /// What the path is in.
+    media: Media,
     bounce: u32,
 }
 
@@ -45,6 +56,12 @@ struct Path {
     bounce: u32,
     /// Density of the ray's direction over solid angle; none: no light sample could have found it.
     pdf: Option<f64>,
+    /// Way from where that direction was drawn, past walls that a shadow ray passes too, to where the ray begins.
+    passed: f64,
+    /// What the ray is in.
+    media: Media,
+    /// Colour that is followed from the first dispersion on: place in the visible range.
+    wavelength: Option<f64>,
 }
 
 /// What a ray is for.
@@ -64,7 +81,16 @@ impl Integrator {
     /// Radiance (premultiplied) and coverage of one sample of a pixel.
     pub fn sample(&self, x: u32, y: u32, sampler: &Sampler) -> DVec4 {
         let ray = self.camera.ray(x, y, sampler);
-        let mut path = Path { ray, throughput: DVec3::ONE, radiance: DVec3::ZERO, bounce: 0, pdf: None };
+        let mut path = Path {
+            ray,
+            throughput: DVec3::ONE,
+            radiance: DVec3::ZERO,
+            bounce: 0,
+            pdf: None,
+            passed: 0.0,
+            media: Media::default(),
+            wavelength: None,
+        };
         let coverage = self.follow(&mut path, sampler);
         let view = &self.work.view;
         if !coverage && !view.transparent && self.work.lighting.environment.visible {
@@ -78,7 +104,7 @@ impl Integrator {
         let mut seen = false;
         while let Some(hit) = self.closest(path, sampler) {
             let surface = Surface::new(&self.work.scene, &hit, path.ray.direction);
-            if !seen && surface.back && surface.material.flags & Material::DOUBLE_SIDED == 0 {
+            if !seen && surface.back && surface.material.flags & (Material::DOUBLE_SIDED | Material::FILLED) == 0 {
                 // The camera does not see the backs of one-sided surfaces (glTF 2.0, 3.9.6).
                 path.ray.origin = surface.leave(path.ray.direction);
                 path.ray.ends[0] = surface.primitive;
@@ -97,6 +123,11 @@ impl Integrator {
 
     /// Takes up the light that a surface sends along the path, and turns the path to where it goes on; false: it ends.
     fn interact(&self, path: &mut Path, surface: &Surface, hit: &Hit, sampler: &Sampler) -> bool {
+        if self.work.features.volume {
+            let filled = surface.material.flags & Material::FILLED != 0;
+            let left = (surface.back && filled).then(|| media::id(surface.material));
+            path.throughput *= path.media.transmittance(&self.work.scene, left, hit.t);
+        }
         if surface.material.flags & Material::UNLIT != 0 {
             path.radiance += path.throughput * surface.base_color().truncate();
             return false;
@@ -105,32 +136,68 @@ impl Integrator {
         if path.bounce >= self.work.settings.max_bounces.unwrap_or(u32::MAX) {
             return false;
         }
-        let vertex = self.vertex(surface, path);
+        let vertex = self.vertex(surface, path, sampler);
         path.radiance += path.throughput * self.direct_light(&vertex, sampler);
-        self.scatter(&vertex, path, sampler)
+        self.scatter(&vertex, path, hit.t, sampler)
     }
 
-    fn vertex<'a>(&self, surface: &'a Surface, path: &Path) -> Vertex<'a> {
+    fn vertex<'a>(&self, surface: &'a Surface, path: &mut Path, sampler: &Sampler) -> Vertex<'a> {
+        if let Some(extended) = surface.material.extended(&self.work.scene).filter(|_| self.model.specular) {
+            return self.layered_vertex(surface, extended, path, sampler);
+        }
         let z = surface.shading_normal;
         let (x, y) = z.any_orthonormal_pair();
         let frame = DMat3::from_cols(x, y, z);
-        let bsdf = Bsdf::new(surface.layers(), self.model, frame.transpose() * -path.ray.direction);
-        Vertex { surface, bsdf, frame, bounce: path.bounce }
+        let bsdf = Reflection::Core(Bsdf::new(surface.layers(), self.model, frame.transpose() * -path.ray.direction));
+        Vertex { surface, bsdf, frame, crossing: None, media: path.media, bounce: path.bounce }
+    }
+
+    /// Of a material with extensions; apart, so that the way of all others stays short.
+    #[inline(never)]
+    fn layered_vertex<'a>(
+        &self,
+        surface: &'a Surface,
+        extended: &Extended,
+        path: &mut Path,
+        sampler: &Sampler,
+    ) -> Vertex<'a> {
+        let (media, bounce) = (path.media, path.bounce);
+        if extended.dispersion > 0.0 && path.wavelength.is_none() {
+            let place = sampler.chance([u64::from(bounce), DISPERSION]);
+            path.throughput *= media::colors_at(place);
+            path.wavelength = Some(place);
+        }
+        let filled = surface.material.flags & Material::FILLED != 0;
+        let id = media::id(surface.material);
+        let crossing = filled.then(|| media.crossing(&self.work.scene, id, surface.back, path.wavelength));
+        let frame = layers::frame(surface, Some(extended));
+        let wo = frame.transpose() * -path.ray.direction;
+        let layered = Layered::new(surface, extended, self.model, &frame, wo, crossing.as_ref(), path.wavelength);
+        Vertex { surface, bsdf: Reflection::Layered(Box::new(layered)), frame, crossing, media, bounce }
     }
 
     /// Turns the path to where it goes on; false: it ends.
-    fn scatter(&self, vertex: &Vertex, path: &mut Path, sampler: &Sampler) -> bool {
+    /// `distance`: length of the ray that led here.
+    fn scatter(&self, vertex: &Vertex, path: &mut Path, distance: f64, sampler: &Sampler) -> bool {
         let [choice, survival] = sampler.pair(Dimension::Choice(vertex.bounce));
         let Some(scattered) = vertex.bsdf.sample(choice, sampler.pair(Dimension::Lobe(vertex.bounce))) else {
             return false;
         };
         let direction = vertex.frame * scattered.wi;
         let only_mirrors = self.work.settings.mode == Mode::Direct;
-        if direction.dot(vertex.surface.geometric_normal) <= 0.0 || only_mirrors && scattered.pdf.is_some() {
+        // On the same side of the mesh as of the shading normal.
+        let above = direction.dot(vertex.surface.geometric_normal);
+        if (above > 0.0) != (scattered.wi.z > 0.0) || above == 0.0 || only_mirrors && scattered.pdf.is_some() {
             return false;
         }
         path.throughput *= scattered.weight;
-        path.pdf = scattered.pdf;
+        (path.pdf, path.passed) = match &vertex.bsdf {
+            Reflection::Layered(layered) if layered.is_straight(scattered.wi) => (path.pdf, path.passed + distance),
+            _ => (scattered.pdf, 0.0),
+        };
+        if let Some(crossing) = vertex.crossing.as_ref().filter(|_| scattered.wi.z < 0.0) {
+            path.media = crossing.beyond;
+        }
         path.bounce += 1;
         if self.work.settings.strategy.roulette && path.bounce >= ROULETTE_START {
             let probability = path.throughput.max_element().min(ROULETTE_MOST);
@@ -147,14 +214,17 @@ impl Integrator {
     /// Emission that the path has come upon.
     fn emission(&self, path: &Path, surface: &Surface, hit: &Hit) -> DVec3 {
         let Some(emitter) = surface.emitter else { return DVec3::ZERO };
-        let radiance = surface.emitted();
+        let radiance = surface.emitted(path.ray.direction);
         let (Some(pdf), Mode::Path) = (path.pdf, self.work.settings.mode) else { return radiance };
         let lighting = &self.work.lighting;
         let index = lighting.lights.len() + emitter;
         let probability = self.lights.probability(lighting, index) * (1.0 - self.environment_share());
-        let cosine = path.ray.direction.dot(surface.geometric_normal);
+        let (cosine, distance) = (path.ray.direction.dot(surface.geometric_normal), path.passed + hit.t);
         radiance
-            * self.scattered_weight(pdf, light::emitter_pdf(&lighting.picks[index], probability, hit.t * hit.t, cosine))
+            * self.scattered_weight(
+                pdf,
+                light::emitter_pdf(&lighting.picks[index], probability, distance * distance, cosine),
+            )
     }
 
     /// Light from infinity that a scattered path has come upon.
@@ -175,10 +245,14 @@ impl Integrator {
             Mode::Path => DVec3::ZERO,
         };
         let Some(light) = self.light_sample(vertex, sampler) else { return ambient };
-        if light.direction.dot(vertex.surface.geometric_normal) <= 0.0 || light.weight.max_element() <= 0.0 {
+        let above = light.direction.dot(vertex.surface.geometric_normal);
+        if above <= 0.0 && vertex.bsdf.is_opaque() || light.weight.max_element() <= 0.0 {
             return ambient;
         }
         let wi = vertex.frame.transpose() * light.direction.normalize();
+        if (above > 0.0) != (wi.z > 0.0) {
+            return ambient;
+        }
         let (value, pdf) = vertex.bsdf.evaluate(wi);
         let weight = light.pdf.map_or(1.0, |taken| self.sampled_weight(taken, pdf));
         let contribution = value * light.weight * weight;
@@ -187,8 +261,46 @@ impl Integrator {
         }
         let ends = [vertex.surface.primitive, light.end];
         let ray = Ray { origin: light.origin, direction: light.direction, t_max: light.t_max, ends };
+        if self.work.features.thin || self.work.features.volume {
+            return ambient + contribution * self.transmittance(vertex, wi, ray, sampler);
+        }
         let blocked = self.bvh.occluded(&ray, |hit| self.stops(hit, RayKind::Shadow, vertex.bounce, sampler));
         if blocked { ambient } else { ambient + contribution }
+    }
+
+    /// Part of the light that comes through along a shadow ray, past thin and smooth walls and what the ray is in.
+    #[inline(never)]
+    fn transmittance(&self, vertex: &Vertex, wi: DVec3, mut ray: Ray, sampler: &Sampler) -> DVec3 {
+        let beyond = vertex.crossing.as_ref().filter(|_| wi.z < 0.0).map(|crossing| crossing.beyond);
+        let media = beyond.unwrap_or(vertex.media);
+        let end = ray.origin + ray.direction * ray.t_max;
+        let mut part = DVec3::ONE;
+        for _ in 0..MOST_WALLS {
+            let hit = self.bvh.closest(&ray, |hit| self.stops(hit, RayKind::Shadow, vertex.bounce, sampler));
+            let distance = hit.as_ref().map_or(ray.t_max, |hit| hit.t) * ray.direction.length();
+            part *= media.transmittance(&self.work.scene, None, distance);
+            let Some(hit) = hit else { return part };
+            let direction = ray.direction.normalize();
+            let surface = Surface::new(&self.work.scene, &hit, direction);
+            part *= self.straight(&surface, direction);
+            if part == DVec3::ZERO {
+                return part;
+            }
+            ray.origin = surface.leave(direction);
+            ray.ends[0] = surface.primitive;
+            if ray.t_max.is_finite() {
+                (ray.direction, ray.t_max) = (end - ray.origin, 1.0);
+            }
+        }
+        DVec3::ZERO
+    }
+
+    /// Part of the light from straight ahead that passes a surface.
+    fn straight(&self, surface: &Surface, direction: DVec3) -> DVec3 {
+        let extended = surface.material.extended(&self.work.scene).filter(|extended| extended.passes_straight());
+        let Some(extended) = extended.filter(|_| self.model.specular) else { return DVec3::ZERO };
+        let frame = layers::frame(surface, Some(extended));
+        Layered::new(surface, extended, self.model, &frame, frame.transpose() * -direction, None, None).straight()
     }
 
     /// Weight of sampled light that a scattered ray can find too.

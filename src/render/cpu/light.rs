@@ -112,8 +112,9 @@ pub fn from_emitter(
     let cosine = -direction.dot(place.normal) / distance2.sqrt();
     let shines = cosine > 0.0 || material(scene, triangle).flags & Material::DOUBLE_SIDED != 0;
     let pdf = emitter_pdf(pick, probability, distance2, cosine);
-    let weight =
-        if shines && pdf > 0.0 { emitted_at(scene, pick.triangle, weights) * pdf.recip() } else { DVec3::ZERO };
+    let visible = shines && pdf > 0.0;
+    let radiance = || emitted_at(scene, pick.triangle, weights, cosine) * pdf.recip();
+    let weight = if visible { radiance() } else { DVec3::ZERO };
     let end = TriangleId { triangle: pick.triangle, instance: pick.index };
     LightSample { origin, direction, t_max: 1.0, weight, end, pdf: Some(pdf) }
 }

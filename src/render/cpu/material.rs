@@ -79,9 +79,9 @@ pub struct Scattered {
 
 /// Directional albedo of the facet lobe: `single` with Fresnel term 1, `grazing` with `(1 - cos)^5` in its place.
 #[derive(Debug, Clone, Copy)]
-struct Albedo {
-    single: f64,
-    grazing: f64,
+pub(super) struct Albedo {
+    pub single: f64,
+    pub grazing: f64,
 }
 
 impl Bsdf {
@@ -223,7 +223,7 @@ impl Bsdf {
 }
 
 impl Albedo {
-    fn towards(cosine: f64, roughness: f64) -> Self {
+    pub fn towards(cosine: f64, roughness: f64) -> Self {
         let (column, across) = step(cosine.clamp(0.0, 1.0).sqrt());
         let (row, down) = step(roughness);
         let above = row * TABLE_WIDTH as usize + column;
@@ -234,7 +234,7 @@ impl Albedo {
     }
 
     /// Cosine-weighted mean over all directions.
-    fn mean(roughness: f64) -> Self {
+    pub fn mean(roughness: f64) -> Self {
         let (row, down) = step(roughness);
         let first = (TABLE_WIDTH * TABLE_WIDTH) as usize + row;
         let texels = &albedo_table().texels;

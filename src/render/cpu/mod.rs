@@ -8,6 +8,7 @@ pub mod bvh;
 pub mod camera;
 pub mod environment;
 pub mod integrator;
+pub mod layers;
 pub mod light;
 pub mod material;
 mod render;

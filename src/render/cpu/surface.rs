@@ -3,7 +3,7 @@
 use super::bvh::{Hit, TriangleId};
 use super::material::Layers;
 use super::texture::{self, Encoding};
-use crate::compile::{CompiledScene, Instance, Material, NONE, TextureSlot, Triangle};
+use crate::compile::{CompiledScene, Extended, Instance, Material, NONE, Slot, TextureSlot, Triangle};
 use glam::{DMat3, DVec2, DVec3, DVec4};
 
 /// Bound of the relative error of `n` f64 roundings (Higham 2002, 3.1).
@@ -35,6 +35,8 @@ pub struct Surface<'a> {
     pub emitter: Option<usize>,
     /// Distance along the geometric normal that clears the errors of `position`.
     clearance: f64,
+    /// Of the triangle's corners.
+    weights: DVec3,
     uvs: [DVec2; 2],
     vertex_color: DVec4,
 }
@@ -60,12 +62,53 @@ impl<'a> Surface<'a> {
             primitive: TriangleId::from(hit),
             emitter: (triangle.light != NONE).then(|| (triangle.light + instance.light_base) as usize),
             clearance: place.clearance,
+            weights,
             uvs: uvs(scene, vertices, weights),
             vertex_color: vertex_color(scene, vertices, weights),
         };
         let normal = surface.smooth_normal(instance, vertices, weights, place.normal);
         surface.shading_normal = bent_to_view(if back { -normal } else { normal }, front, direction);
         surface
+    }
+
+    /// Value of one of the material's textures; white if there is none.
+    pub fn texel(&self, encoding: Encoding, slot: &TextureSlot) -> DVec4 {
+        let pages = match encoding {
+            Encoding::Srgb => &self.scene.color_pages,
+            Encoding::Linear => &self.scene.data_pages,
+        };
+        texture::sample(pages, encoding, slot, self.uvs)
+    }
+
+    /// Normal of the material's coat, on the side that the ray of this direction came from: the mesh's, with the coat's own map.
+    pub fn coat_normal(&self, extended: &Extended, direction: DVec3) -> DVec3 {
+        let flat = if self.back { -self.geometric_normal } else { self.geometric_normal };
+        let (instance, vertices) = self.stored();
+        let mut normal = self.interpolated_normal(instance, vertices, self.weights, flat);
+        let slot = extended.texture(Slot::ClearcoatNormal);
+        if slot.info != NONE {
+            let scale = f64::from(extended.clearcoat_normal_scale);
+            normal = self.mapped(normal, instance, self.stored_tangent(vertices, self.weights), slot, scale);
+        }
+        bent_to_view(if self.back { -normal } else { normal }, self.geometric_normal, direction)
+    }
+
+    /// Unit vectors along the tangent and the bitangent of the shading normal; none: the mesh has no tangents here.
+    pub fn tangents(&self) -> Option<[DVec3; 2]> {
+        let (instance, vertices) = self.stored();
+        let normal = if self.back { -self.shading_normal } else { self.shading_normal };
+        tangents(instance, normal, self.stored_tangent(vertices, self.weights))
+    }
+
+    fn stored(&self) -> (&'a Instance, [u32; 3]) {
+        let TriangleId { triangle, instance } = self.primitive;
+        (&self.scene.instances[instance as usize], self.scene.indices[triangle as usize])
+    }
+
+    /// Zero if the mesh has none.
+    fn stored_tangent(&self, vertices: [u32; 3], weights: DVec3) -> DVec4 {
+        let offset = self.scene.layout.tangent;
+        if offset == NONE { DVec4::ZERO } else { DVec4::from(interpolated::<4>(self.scene, vertices, weights, offset)) }
     }
 
     /// Product of factor, texture and vertex colour: linear RGB and alpha.
@@ -88,12 +131,12 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// Radiance that it sends to the side that the ray came from.
-    pub fn emitted(&self) -> DVec3 {
+    /// Radiance that it sends to the side that the ray came from, against a direction.
+    pub fn emitted(&self, direction: DVec3) -> DVec3 {
         if self.back && self.material.flags & Material::DOUBLE_SIDED == 0 {
             return DVec3::ZERO;
         }
-        emission(self.scene, self.material, self.uvs)
+        emission(self.scene, self.material, self.uvs, direction.dot(self.geometric_normal))
     }
 
     /// Origin of a ray that leaves in a direction, clear of the surface.
@@ -103,33 +146,41 @@ impl<'a> Surface<'a> {
 
     /// Interpolated and mapped normal of the front, unit length.
     fn smooth_normal(&self, instance: &Instance, vertices: [u32; 3], weights: DVec3, flat: DVec3) -> DVec3 {
-        let layout = self.scene.layout;
-        let mut normal = flat;
-        if layout.normal != NONE {
-            let stored = interpolated::<3>(self.scene, vertices, weights, layout.normal);
-            // A mesh without normals stores zeros: it is flat.
-            normal = normal_to_world(self.scene, instance, DVec3::from(stored)).try_normalize().unwrap_or(flat);
-        }
-        if self.material.normal_texture.info == NONE {
+        let normal = self.interpolated_normal(instance, vertices, weights, flat);
+        let slot = &self.material.normal_texture;
+        if slot.info == NONE {
             return normal;
         }
-        let tangent = DVec4::from(interpolated::<4>(self.scene, vertices, weights, layout.tangent));
-        self.mapped(normal, instance, tangent)
+        let tangent = self.stored_tangent(vertices, weights);
+        self.mapped(normal, instance, tangent, slot, f64::from(self.material.normal_scale))
+    }
+
+    fn interpolated_normal(&self, instance: &Instance, vertices: [u32; 3], weights: DVec3, flat: DVec3) -> DVec3 {
+        let layout = self.scene.layout;
+        if layout.normal == NONE {
+            return flat;
+        }
+        let stored = interpolated::<3>(self.scene, vertices, weights, layout.normal);
+        // A mesh without normals stores zeros: it is flat.
+        normal_to_world(self.scene, instance, DVec3::from(stored)).try_normalize().unwrap_or(flat)
     }
 
     /// Normal map (glTF 2.0, 3.9.3).
-    fn mapped(&self, normal: DVec3, instance: &Instance, tangent: DVec4) -> DVec3 {
-        let mirrored = instance.flags & 1 != 0;
-        let handedness = if (tangent.w < 0.0) != mirrored { -1.0 } else { 1.0 };
-        let along = linear_part(&instance.to_world) * tangent.truncate();
-        let Some(along) = along.reject_from_normalized(normal).try_normalize() else { return normal };
-        let across = handedness * normal.cross(along);
-        let slot = &self.material.normal_texture;
-        let texel = texture::sample(&self.scene.data_pages, Encoding::Linear, slot, self.uvs).truncate() * 2.0 - 1.0;
-        let scale = f64::from(self.material.normal_scale);
+    fn mapped(&self, normal: DVec3, instance: &Instance, tangent: DVec4, slot: &TextureSlot, scale: f64) -> DVec3 {
+        let Some([along, across]) = tangents(instance, normal, tangent) else { return normal };
+        let texel = self.texel(Encoding::Linear, slot).truncate() * 2.0 - 1.0;
         let mapped = texel.x * scale * along + texel.y * scale * across + texel.z * normal;
         mapped.try_normalize().unwrap_or(normal)
     }
+}
+
+/// Tangent and bitangent in the world, at right angles to a normal of the front.
+fn tangents(instance: &Instance, normal: DVec3, tangent: DVec4) -> Option<[DVec3; 2]> {
+    let mirrored = instance.flags & 1 != 0;
+    let handedness = if (tangent.w < 0.0) != mirrored { -1.0 } else { 1.0 };
+    let along = linear_part(&instance.to_world) * tangent.truncate();
+    let along = along.reject_from_normalized(normal).try_normalize()?;
+    Some([along, handedness * normal.cross(along)])
 }
 
 /// A place on a triangle in world space.
@@ -180,10 +231,10 @@ pub fn coverage(scene: &CompiledScene, hit: &Hit) -> f64 {
     if cutoff < 0.0 { color.w } else { f64::from(u8::from(color.w >= cutoff)) }
 }
 
-/// Radiance of the front of an emitting triangle.
-pub fn emitted_at(scene: &CompiledScene, triangle: u32, weights: DVec3) -> DVec3 {
+/// Radiance of the front of an emitting triangle at a cosine from its normal.
+pub fn emitted_at(scene: &CompiledScene, triangle: u32, weights: DVec3, cosine: f64) -> DVec3 {
     let vertices = scene.indices[triangle as usize];
-    emission(scene, material(scene, &scene.triangles[triangle as usize]), uvs(scene, vertices, weights))
+    emission(scene, material(scene, &scene.triangles[triangle as usize]), uvs(scene, vertices, weights), cosine)
 }
 
 /// The material of a triangle.
@@ -191,9 +242,14 @@ pub fn material<'a>(scene: &'a CompiledScene, triangle: &Triangle) -> &'a Materi
     &scene.materials[(triangle.material & !Triangle::ALPHA) as usize]
 }
 
-fn emission(scene: &CompiledScene, material: &Material, uvs: [DVec2; 2]) -> DVec3 {
+fn emission(scene: &CompiledScene, material: &Material, uvs: [DVec2; 2], cosine: f64) -> DVec3 {
     let texel = texture::sample(&scene.color_pages, Encoding::Srgb, &material.emissive_texture, uvs);
-    DVec3::from(material.emissive.map(f64::from)) * texel.truncate()
+    let radiance = DVec3::from(material.emissive.map(f64::from)) * texel.truncate();
+    let Some(extended) = material.extended(scene).filter(|extended| extended.clearcoat > 0.0) else { return radiance };
+    // What the coat lets through (KHR_materials_clearcoat).
+    let texel = texture::sample(&scene.data_pages, Encoding::Linear, extended.texture(Slot::Clearcoat), uvs);
+    let reflected = 0.04 + 0.96 * (1.0 - cosine.abs().min(1.0)).powi(5);
+    radiance * (1.0 - f64::from(extended.clearcoat) * texel.x * reflected)
 }
 
 fn base_color(scene: &CompiledScene, material: &Material, uvs: [DVec2; 2], vertex_color: DVec4) -> DVec4 {

@@ -34,6 +34,8 @@ pub struct Frame {
     pub vertex_uv0: u32,
     pub vertex_uv1: u32,
     pub environment_probability: f32,
+    pub extended: u32,
+    pub pad: [u32; 3],
     pub environment_top: [f32; 3],
     pub environment_intensity: f32,
     pub environment_horizon: [f32; 3],
@@ -91,6 +93,7 @@ impl Frame {
 
     fn set_vertices(&mut self, scene: &CompiledScene) {
         self.vertices = 3 * scene.indices.len() as u32;
+        self.extended = self.vertices + scene.vertices.len() as u32;
         self.vertex_stride = scene.layout.stride;
         self.vertex_normal = scene.layout.normal;
         self.vertex_tangent = scene.layout.tangent;
@@ -149,7 +152,7 @@ fn filter_table(kind: FilterKind) -> [f32; FILTER_STEPS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compile::{Instance, LightPick, Material, PunctualLight, TextureSlot, Triangle};
+    use crate::compile::{Extended, Instance, LightPick, Material, PunctualLight, SLOTS, Slot, TextureSlot, Triangle};
     use std::mem::offset_of;
 
     /// Compares the offsets of the named fields, and the size, with those of the WGSL struct of the same name.
@@ -173,6 +176,14 @@ mod tests {
         let (_, ty) = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name)).expect(name);
         let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{name} is no struct") };
         (members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset)).collect(), *span)
+    }
+
+    fn constant(module: &naga::Module, name: &str) -> u32 {
+        let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name)).expect(name);
+        match module.global_expressions[constant.init] {
+            naga::Expression::Literal(naga::Literal::U32(value)) => value,
+            ref other => panic!("{name} is {other:?}"),
+        }
     }
 
     #[test]
@@ -202,6 +213,7 @@ mod tests {
                 vertex_uv0,
                 vertex_uv1,
                 environment_probability,
+                extended,
                 environment_top,
                 environment_intensity,
                 environment_horizon,
@@ -240,19 +252,80 @@ mod tests {
     #[test]
     fn constants_are_those_of_the_shader() {
         let module = &module();
-        let value = |name: &str| {
-            let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name)).expect(name);
-            match module.global_expressions[constant.init] {
-                naga::Expression::Literal(naga::Literal::U32(value)) => value,
-                ref other => panic!("{name} is {other:?}"),
-            }
-        };
+        let value = |name: &str| constant(module, name);
         assert_eq!(value("NONE"), crate::compile::NONE);
         assert_eq!(value("ALPHA_BIT"), Triangle::ALPHA);
         assert_eq!(value("DOUBLE_SIDED"), Material::DOUBLE_SIDED);
         assert_eq!(value("UNLIT_BIT"), Material::UNLIT);
+        assert_eq!(value("FILLED"), Material::FILLED);
+        assert_eq!(value("EXTENDED_SHIFT"), Material::EXTENDED_SHIFT);
+        assert_eq!(value("SPECULAR_GLOSSINESS"), Extended::SPECULAR_GLOSSINESS);
         assert_eq!(value("DIRECTIONAL"), crate::compile::PunctualKind::Directional as u32);
         assert_eq!(value("SPOT"), crate::compile::PunctualKind::Spot as u32);
+    }
+
+    /// Records of extensions are read word by word.
+    #[test]
+    fn words_of_extensions_are_those_of_the_shader() {
+        macro_rules! assert_words {
+            ($($name:literal $field:ident,)*) => {
+                $(assert_eq!(constant(&module(), $name) as usize, offset_of!(Extended, $field) / 4, "{}", $name);)*
+            };
+        }
+        assert_eq!(constant(&module(), "EXTENDED_WORDS") as usize, size_of::<Extended>() / 4);
+        assert_eq!(constant(&module(), "SLOT_WORDS") as usize, size_of::<TextureSlot>() / 4);
+        assert_words!(
+            "AT_FLAGS" flags,
+            "AT_IOR" ior,
+            "AT_SPECULAR" specular,
+            "AT_TRANSMISSION" transmission,
+            "AT_SPECULAR_COLOR" specular_color,
+            "AT_DISPERSION" dispersion,
+            "AT_ABSORPTION" absorption,
+            "AT_CLEARCOAT" clearcoat,
+            "AT_CLEARCOAT_ROUGHNESS" clearcoat_roughness,
+            "AT_CLEARCOAT_NORMAL_SCALE" clearcoat_normal_scale,
+            "AT_SHEEN_ROUGHNESS" sheen_roughness,
+            "AT_ANISOTROPY" anisotropy,
+            "AT_SHEEN_COLOR" sheen_color,
+            "AT_ANISOTROPY_ROTATION" anisotropy_rotation,
+            "AT_IRIDESCENCE" iridescence,
+            "AT_IRIDESCENCE_IOR" iridescence_ior,
+            "AT_IRIDESCENCE_THICKNESS" iridescence_thickness,
+            "AT_DIFFUSE_TRANSMISSION_COLOR" diffuse_transmission_color,
+            "AT_DIFFUSE_TRANSMISSION" diffuse_transmission,
+            "AT_TEXTURES" textures,
+        );
+        let slots = [
+            ("SLOT_SPECULAR", Slot::Specular),
+            ("SLOT_SPECULAR_COLOR", Slot::SpecularColor),
+            ("SLOT_TRANSMISSION", Slot::Transmission),
+            ("SLOT_CLEARCOAT", Slot::Clearcoat),
+            ("SLOT_CLEARCOAT_ROUGHNESS", Slot::ClearcoatRoughness),
+            ("SLOT_CLEARCOAT_NORMAL", Slot::ClearcoatNormal),
+            ("SLOT_SHEEN_COLOR", Slot::SheenColor),
+            ("SLOT_SHEEN_ROUGHNESS", Slot::SheenRoughness),
+            ("SLOT_ANISOTROPY", Slot::Anisotropy),
+            ("SLOT_IRIDESCENCE", Slot::Iridescence),
+            ("SLOT_IRIDESCENCE_THICKNESS", Slot::IridescenceThickness),
+            ("SLOT_DIFFUSE_TRANSMISSION", Slot::DiffuseTransmission),
+            ("SLOT_DIFFUSE_TRANSMISSION_COLOR", Slot::DiffuseTransmissionColor),
+        ];
+        assert_eq!(slots.len(), SLOTS);
+        for (name, slot) in slots {
+            assert_eq!(constant(&module(), name), slot as u32, "{name}");
+        }
+    }
+
+    #[test]
+    fn tables_of_layers_lie_where_the_shader_reads_them() {
+        use crate::render::{albedo, layer_albedo};
+        let is = |name, expected| assert_eq!(constant(&module(), name), expected, "{name}");
+        is("SHEEN_FIRST_ROW", albedo::TABLE_HEIGHT);
+        is("SHEEN_ROWS", layer_albedo::SHEEN_ROWS);
+        is("GLASS_FIRST_ROW", albedo::TABLE_HEIGHT + layer_albedo::SHEEN_ROWS);
+        is("GLASS_STEPS", layer_albedo::GLASS_STEPS);
+        is("GLASS_SLICES", layer_albedo::GLASS_SLICES);
     }
 
     #[test]

@@ -131,7 +131,7 @@ fn compile_module(gpu: &Gpu, wgsl: &str, stack: u32) -> wgpu::ShaderModule {
 }
 
 /// Values of the override constants of `shaders/lib/features.wesl`.
-fn constants(variant: Variant) -> [(&'static str, f64); 24] {
+fn constants(variant: Variant) -> [(&'static str, f64); 34] {
     let f = variant.features;
     let flag = |value: bool| f64::from(u8::from(value));
     [
@@ -147,6 +147,16 @@ fn constants(variant: Variant) -> [(&'static str, f64); 24] {
         ("UNLIT", flag(f.unlit)),
         ("SPECULAR", flag(f.specular)),
         ("MIRROR", flag(f.mirror)),
+        ("EXTENDED", flag(f.extended)),
+        ("TRANSMISSION", flag(f.transmission)),
+        ("VOLUME", flag(f.volume)),
+        ("THIN", flag(f.thin)),
+        ("DIFFUSE_TRANSMISSION", flag(f.diffuse_transmission)),
+        ("DISPERSION", flag(f.dispersion)),
+        ("CLEARCOAT", flag(f.clearcoat)),
+        ("SHEEN", flag(f.sheen)),
+        ("ANISOTROPY", flag(f.anisotropy)),
+        ("IRIDESCENCE", flag(f.iridescence)),
         ("PUNCTUAL", flag(f.punctual)),
         ("EMITTERS", flag(f.emitters)),
         ("THIN_LENS", flag(f.thin_lens)),

@@ -5,7 +5,8 @@ use crate::compile::{
     BvhNode, CompiledScene, Environment, EnvironmentKind, Hdri, Instance, Material, TexturePages, Triangle,
 };
 use crate::render::RenderError;
-use crate::render::albedo::{TABLE_HEIGHT, TABLE_WIDTH, albedo_table};
+use crate::render::albedo::{TABLE_WIDTH, albedo_table};
+use crate::render::layer_albedo::LAYER_TABLE;
 use std::sync::{Arc, Weak};
 use wgpu::util::{DeviceExt, TextureDataOrder};
 
@@ -48,9 +49,10 @@ impl Resources {
     /// The tables that every render reads.
     pub fn new(gpu: &Gpu) -> Self {
         let table = albedo_table();
-        let bytes = bytemuck::cast_slice(&table.texels);
-        let albedo =
-            texture(gpu, "albedo table", (TABLE_WIDTH, TABLE_HEIGHT, 1), wgpu::TextureFormat::Rg32Float, bytes);
+        let mut texels = table.texels.clone();
+        texels.extend(LAYER_TABLE.iter().map(|albedo| [*albedo, 0.0]));
+        let size = (TABLE_WIDTH, texels.len() as u32 / TABLE_WIDTH, 1);
+        let albedo = texture(gpu, "albedo tables", size, wgpu::TextureFormat::Rg32Float, bytemuck::cast_slice(&texels));
         let no_environment = Arc::new(GpuEnvironment {
             texels: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rgba32Float, &[0; 16]),
             cells: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rg32Float, &[0; 8]),
@@ -91,6 +93,7 @@ fn find_or_upload<S, T>(
 fn upload_scene(gpu: &Gpu, scene: &CompiledScene) -> Result<GpuScene, RenderError> {
     let mut attributes: Vec<u32> = scene.indices.as_flattened().to_vec();
     attributes.extend_from_slice(&scene.vertices);
+    attributes.extend_from_slice(bytemuck::cast_slice(&scene.extended));
     Ok(GpuScene {
         nodes: gpu.storage("tree nodes", bytemuck::cast_slice(&scene.nodes), size_of::<BvhNode>())?,
         triangles: gpu.storage("triangles", bytemuck::cast_slice(&scene.triangles), size_of::<Triangle>())?,

@@ -1,17 +1,22 @@
 //! Materials, and which attributes of a primitive they read.
 
+use super::data::missing;
 use super::document;
+use super::extended::{self, SpecularGlossiness};
 use super::number::{factor, finite, non_negative, not_finite};
 use super::schema::{self, EmissiveStrength, TextureInfo, TextureTransform};
 use crate::scene::error::Warnings;
 use crate::scene::{AlphaMode, Material, SceneError, TextureRef};
 use glam::{Mat3, Vec2, Vec3, Vec4};
+use std::sync::Arc;
 
 /// A material with the sets of texture coordinates that it reads.
 pub(super) struct ReadMaterial {
     pub material: Material,
     /// `TEXCOORD_n` by [`TextureRef::uv_set`].
     pub uv_sets: Vec<u32>,
+    /// The texture coordinates along whose u its tangents run; none: it needs no tangents.
+    pub tangents: Option<TextureRef>,
 }
 
 /// Sets that a vertex can carry.
@@ -27,27 +32,30 @@ pub(super) fn read(
     let place = format!("/materials/{index}");
     let mut reader = Reader { place, slots, uv_sets: Vec::new(), warnings };
     let material = reader.material(source)?;
-    Ok(ReadMaterial { material, uv_sets: reader.uv_sets })
+    let tangents = reader.tangents(&material);
+    Ok(ReadMaterial { material, uv_sets: reader.uv_sets, tangents })
 }
 
-struct Reader<'a> {
-    place: String,
+pub(super) struct Reader<'a> {
+    pub place: String,
     slots: &'a [Option<usize>],
     uv_sets: Vec<u32>,
-    warnings: &'a mut Warnings,
+    pub warnings: &'a mut Warnings,
 }
 
 impl Reader<'_> {
-    fn material(&mut self, source: &schema::Material) -> Result<Material, SceneError> {
+    fn material<'s>(&mut self, source: &'s schema::Material) -> Result<Material, SceneError> {
         let pbr = &source.pbr_metallic_roughness;
         let base = pbr.base_color_factor.unwrap_or([1.0; 4]);
         let base = self.factors(base, "pbrMetallicRoughness/baseColorFactor")?;
+        let glossy = extended::specular_glossiness(source, &self.place)?;
+        // Specular-glossiness takes the place of the core's textures.
+        let core = |texture: &'s Option<TextureInfo>| texture.as_ref().filter(|_| glossy.is_none());
         let unlit = source.extensions.contains_key("KHR_materials_unlit");
         let mut material = Material {
             name: source.name.clone(),
             base_color: Vec4::from(base),
-            base_color_texture: self
-                .texture(pbr.base_color_texture.as_ref(), "pbrMetallicRoughness/baseColorTexture")?,
+            base_color_texture: self.texture(core(&pbr.base_color_texture), "pbrMetallicRoughness/baseColorTexture")?,
             metallic: self.factors([pbr.metallic_factor.unwrap_or(1.0)], "pbrMetallicRoughness/metallicFactor")?[0],
             roughness: self.factors([pbr.roughness_factor.unwrap_or(1.0)], "pbrMetallicRoughness/roughnessFactor")?[0],
             emissive: self.emissive(source)?,
@@ -57,12 +65,15 @@ impl Reader<'_> {
             unlit,
             ..Material::default()
         };
+        if let Some(glossy) = &glossy {
+            self.glossy(glossy, &mut material)?;
+        }
         if unlit {
             // Nothing but the base colour is seen.
             material.emissive = Vec3::ZERO;
             return Ok(material);
         }
-        let texture = pbr.metallic_roughness_texture.as_ref();
+        let texture = core(&pbr.metallic_roughness_texture);
         material.metallic_roughness_texture = self.texture(texture, "pbrMetallicRoughness/metallicRoughnessTexture")?;
         if material.normal_scale != 0.0 {
             material.normal_texture = self.texture(source.normal_texture.as_ref(), "normalTexture")?;
@@ -70,10 +81,38 @@ impl Reader<'_> {
         if material.emissive != Vec3::ZERO {
             material.emissive_texture = self.texture(source.emissive_texture.as_ref(), "emissiveTexture")?;
         }
+        material.extended = extended::read(self, source)?.map(Arc::new);
         Ok(material)
     }
 
-    fn factors<const N: usize>(&mut self, values: [f64; N], name: &str) -> Result<[f32; N], SceneError> {
+    /// KHR_materials_pbrSpecularGlossiness in place of metallic-roughness, as far as a core material can hold it.
+    fn glossy(&mut self, values: &SpecularGlossiness, material: &mut Material) -> Result<(), SceneError> {
+        const PLACE: &str = "extensions/KHR_materials_pbrSpecularGlossiness";
+        let place = |name: &str| format!("{PLACE}/{name}");
+        let color = self.factors(values.diffuse_factor.unwrap_or([1.0; 4]), &place("diffuseFactor"))?;
+        let [glossiness] = self.factors([values.glossiness_factor.unwrap_or(1.0)], &place("glossinessFactor"))?;
+        let texture = values.diffuse_texture.as_ref();
+        self.check_texture(texture, &place("diffuseTexture"))?;
+        material.base_color = Vec4::from(color);
+        material.base_color_texture = self.texture(texture, &place("diffuseTexture"))?;
+        (material.metallic, material.roughness) = (0.0, 1.0 - glossiness);
+        Ok(())
+    }
+
+    /// See [`ReadMaterial::tangents`].
+    fn tangents(&mut self, material: &Material) -> Option<TextureRef> {
+        let extended = material.extended.as_ref();
+        let coat = extended.and_then(|extended| extended.clearcoat_normal_texture);
+        let grain = extended.and_then(|extended| extended.anisotropy_texture);
+        let without_texture = || {
+            extended.filter(|extended| extended.anisotropy > 0.0)?;
+            let uv_set = self.uv_set(0)?;
+            Some(TextureRef { texture: 0, uv_set, transform: Mat3::IDENTITY })
+        };
+        material.normal_texture.or(coat).or(grain).or_else(without_texture)
+    }
+
+    pub(super) fn factors<const N: usize>(&mut self, values: [f64; N], name: &str) -> Result<[f32; N], SceneError> {
         let place = format!("{}/{name}", self.place);
         let mut factors = [0.0; N];
         for (out, value) in factors.iter_mut().zip(values) {
@@ -110,26 +149,41 @@ impl Reader<'_> {
         }
     }
 
-    fn texture(&mut self, info: Option<&TextureInfo>, name: &str) -> Result<Option<TextureRef>, SceneError> {
+    /// That the file has the texture; those of the core material are checked with all other references.
+    pub(super) fn check_texture(&self, info: Option<&TextureInfo>, name: &str) -> Result<(), SceneError> {
+        match info {
+            Some(info) if info.index >= self.slots.len() => {
+                Err(missing(&format!("{}/{name}/index", self.place), "texture", info.index))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    pub(super) fn texture(&mut self, info: Option<&TextureInfo>, name: &str) -> Result<Option<TextureRef>, SceneError> {
         let Some(info) = info else { return Ok(None) };
         let place = format!("{}/{name}", self.place);
         let (transform, tex_coord) = uv_transform(info, &place)?;
         let Some(texture) = self.slots.get(info.index).copied().flatten() else { return Ok(None) };
-        let uv_set = match self.uv_sets.iter().position(|set| *set == tex_coord) {
-            Some(slot) => slot,
-            None if self.uv_sets.len() < UV_SETS => {
-                self.uv_sets.push(tex_coord);
-                self.uv_sets.len() - 1
-            }
-            None => {
-                let detail = format!(
-                    "the texture is left out: it reads TEXCOORD_{tex_coord}, and {UV_SETS} other sets of texture coordinates are in use already"
-                );
-                self.warnings.add("uv_sets", place, detail);
-                return Ok(None);
-            }
+        let Some(uv_set) = self.uv_set(tex_coord) else {
+            let detail = format!(
+                "the texture is left out: it reads TEXCOORD_{tex_coord}, and {UV_SETS} other sets of texture coordinates are in use already"
+            );
+            self.warnings.add("uv_sets", place, detail);
+            return Ok(None);
         };
         Ok(Some(TextureRef { texture, uv_set, transform }))
+    }
+
+    /// The number that `TEXCOORD_{set}` has among those that the material reads; none: they are too many.
+    fn uv_set(&mut self, set: u32) -> Option<usize> {
+        let known = self.uv_sets.iter().position(|known| *known == set);
+        known.or_else(|| {
+            let free = self.uv_sets.len() < UV_SETS;
+            free.then(|| {
+                self.uv_sets.push(set);
+                self.uv_sets.len() - 1
+            })
+        })
     }
 }
 

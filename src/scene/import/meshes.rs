@@ -3,10 +3,11 @@
 use super::accessor::{Component, open};
 use super::attributes;
 use super::data::Data;
+use super::document;
 use super::extensions;
 use super::materials::ReadMaterial;
 use super::number::not_finite;
-use super::schema;
+use super::schema::{self, VARIANTS, VariantMappings};
 use super::tangents;
 use super::triangles::{self, Mode};
 use crate::scene::error::Warnings;
@@ -93,7 +94,7 @@ impl<'a> Decoder<'a> {
             let mut mesh = Mesh { name: source.name.clone(), primitives: Vec::new() };
             if shown.get(i).copied().unwrap_or(false) {
                 for (j, primitive) in source.primitives.iter().enumerate() {
-                    mesh.primitives.extend(self.primitive(primitive, &format!("/meshes/{i}/primitives/{j}"))?);
+                    mesh.primitives.extend(self.variants(primitive, &format!("/meshes/{i}/primitives/{j}"))?);
                 }
             }
             meshes.push(mesh);
@@ -101,7 +102,27 @@ impl<'a> Decoder<'a> {
         Ok(meshes)
     }
 
-    fn primitive(&mut self, source: &schema::Primitive, place: &str) -> Result<Option<Primitive>, SceneError> {
+    /// A primitive with what stands in its place in other variants.
+    fn variants(&mut self, source: &schema::Primitive, place: &str) -> Result<Option<Primitive>, SceneError> {
+        let Some(mut primitive) = self.primitive(source, source.material, place)? else { return Ok(None) };
+        let Some(content) = source.extensions.get(VARIANTS) else { return Ok(Some(primitive)) };
+        let mappings: VariantMappings = document::extension(content, &format!("{place}/extensions/{VARIANTS}"))?;
+        for mapping in mappings.mappings {
+            if Some(mapping.material) != source.material
+                && let Some(alternative) = self.primitive(source, Some(mapping.material), place)?
+            {
+                primitive.alternatives.push((mapping.variants, alternative));
+            }
+        }
+        Ok(Some(primitive))
+    }
+
+    fn primitive(
+        &mut self,
+        source: &schema::Primitive,
+        material_index: Option<usize>,
+        place: &str,
+    ) -> Result<Option<Primitive>, SceneError> {
         let mode = match source.mode {
             4 => Mode::List,
             5 => Mode::Strip,
@@ -125,7 +146,7 @@ impl<'a> Decoder<'a> {
         if triangles.is_empty() {
             return Ok(None);
         }
-        let material = source.material.and_then(|index| self.materials.get(index));
+        let material = material_index.and_then(|index| self.materials.get(index));
         let positions: Vec<Vec3> = self.read(source, "POSITION", selection.as_deref(), place)?.unwrap_or_default();
         let mut primitive = Primitive {
             normals: self.normals(source, selection.as_deref(), place)?,
@@ -133,8 +154,9 @@ impl<'a> Decoder<'a> {
             uvs: self.uvs(source, material, positions.len(), selection.as_deref(), place)?,
             positions,
             triangles: std::mem::take(&mut triangles),
-            material: source.material,
+            material: material_index,
             tangents: None,
+            alternatives: Vec::new(),
         };
         self.tangents(source, material, &mut primitive, selection.as_deref(), place)?;
         Ok(Some(primitive))
@@ -281,7 +303,7 @@ impl<'a> Decoder<'a> {
         Ok(uvs)
     }
 
-    /// Tangents for a normal map: the file's, or made by MikkTSpace if it has none (or no normals, 3.7.2.1).
+    /// Tangents for normal maps and grains: the file's, or made by MikkTSpace if it has none (or no normals, 3.7.2.1).
     fn tangents(
         &mut self,
         source: &schema::Primitive,
@@ -291,7 +313,7 @@ impl<'a> Decoder<'a> {
         place: &str,
     ) -> Result<(), SceneError> {
         let Some(material) = material else { return Ok(()) };
-        let Some(texture) = material.material.normal_texture else { return Ok(()) };
+        let Some(texture) = material.tangents else { return Ok(()) };
         if primitive.normals.is_some() {
             let given: Option<Vec<Vec4>> = self.read(source, "TANGENT", selection, place)?;
             primitive.tangents = given.map(|all| all.into_iter().map(tangents::orthonormal).collect());
@@ -336,6 +358,26 @@ mod tests {
         builder.json["images"] = json!([{"bufferView": view, "mimeType": "image/png"}]);
         builder.json["textures"] = json!([{"source": 0}]);
         builder
+    }
+
+    #[test]
+    fn variants_have_the_attributes_that_their_materials_read() {
+        let base = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 3}}});
+        let mut builder = with_material(full(), &json!({}));
+        builder.json["materials"] = json!([{}, base]);
+        builder.json["extensionsUsed"] = json!(["KHR_materials_variants"]);
+        builder.json["extensions"] = json!({"KHR_materials_variants": {"variants": [{"name": "a"}, {"name": "b"}]}});
+        let mapping =
+            |variants: Value| json!({"KHR_materials_variants": {"mappings": [{"material": 1, "variants": variants}]}});
+        builder.json["meshes"][0]["primitives"][0]["extensions"] = mapping(json!([1]));
+        let scene = scene_of(&builder);
+        let primitive = &scene.meshes[0].primitives[0];
+        let shown = |variant| (primitive.of_variant(variant).material, primitive.of_variant(variant).uvs.len());
+        assert_eq!([shown(None), shown(Some(0)), shown(Some(1))], [(Some(0), 0), (Some(0), 0), (Some(1), 1)]);
+        assert_eq!(scene.images[0].bytes.as_ref(), PNG);
+        builder.json["meshes"][0]["primitives"][0]["extensions"] = mapping(json!([2]));
+        let place = "/meshes/0/primitives/0/extensions/KHR_materials_variants/mappings/0/variants/0";
+        assert_eq!(error_of(&builder).pointer, place);
     }
 
     #[test]

@@ -6,6 +6,7 @@ mod cameras;
 pub(super) mod container;
 mod data;
 mod document;
+mod extended;
 mod extensions;
 mod materials;
 mod meshes;
@@ -40,9 +41,9 @@ pub fn import(package: &Package, limits: &Limits) -> Result<Scene, SceneError> {
 
     // Check the whole structure, drawn or not.
     let lights: Option<Lights> = root_extension(&root, "KHR_lights_punctual")?;
-    let variants: Option<Variants> = root_extension(&root, "KHR_materials_variants")?;
+    let variants: Option<Variants> = root_extension(&root, schema::VARIANTS)?;
     let lights = lights.map_or_else(Vec::new, |lights| lights.lights);
-    references::check(&root, lights.len())?;
+    references::check(&root, lights.len(), variants.as_ref().map_or(0, |list| list.variants.len()))?;
     let data = Data::new(&root, package, container.bin, limits)?;
     (0..root.accessors.len()).try_for_each(|index| accessor::open(&data, index).map(drop))?;
     meshes::check(&data)?;
@@ -55,6 +56,7 @@ pub fn import(package: &Package, limits: &Limits) -> Result<Scene, SceneError> {
     let shown = shown_meshes(&root, &hierarchy);
     let meshes = Decoder::new(&data, &materials, limits, package.bytes(), &mut warnings).meshes(&shown)?;
     let drawn = meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let drawn = drawn.flat_map(|drawn| drawn.alternatives.iter().map(|(_, other)| other).chain([drawn]));
     let images =
         textures::images(&data, package, &used_images(drawn, &materials, &textures, root.images.len()), limits)?;
 

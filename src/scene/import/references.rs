@@ -2,17 +2,17 @@
 
 use super::data::missing;
 use super::document;
-use super::schema::{NodeLight, Root, TextureInfo};
+use super::schema::{NodeLight, Root, TextureInfo, VARIANTS, VariantMappings};
 use crate::scene::SceneError;
 
 /// Checks all references but those of accessors and buffer views, which are checked as they are opened.
-pub(super) fn check(root: &Root, lights: usize) -> Result<(), SceneError> {
+pub(super) fn check(root: &Root, lights: usize, variants: usize) -> Result<(), SceneError> {
     one(root.scene, root.scenes.len(), "scene", || "/scene".into())?;
     for (i, scene) in root.scenes.iter().enumerate() {
         all(&scene.nodes, root.nodes.len(), "node", || format!("/scenes/{i}/nodes"))?;
     }
     nodes(root, lights)?;
-    meshes(root)?;
+    meshes(root, variants)?;
     materials(root)?;
     for (i, texture) in root.textures.iter().enumerate() {
         one(texture.sampler, root.samplers.len(), "sampler", || format!("/textures/{i}/sampler"))?;
@@ -60,13 +60,22 @@ fn nodes(root: &Root, lights: usize) -> Result<(), SceneError> {
     Ok(())
 }
 
-fn meshes(root: &Root) -> Result<(), SceneError> {
+fn meshes(root: &Root, variants: usize) -> Result<(), SceneError> {
     let accessors = root.accessors.len();
     for (i, mesh) in root.meshes.iter().enumerate() {
         for (j, primitive) in mesh.primitives.iter().enumerate() {
             let place = |rest: &str| format!("/meshes/{i}/primitives/{j}/{rest}");
             one(primitive.indices, accessors, "accessor", || place("indices"))?;
             one(primitive.material, root.materials.len(), "material", || place("material"))?;
+            if let Some(content) = primitive.extensions.get(VARIANTS) {
+                let place = place(&format!("extensions/{VARIANTS}"));
+                let mappings: VariantMappings = document::extension(content, &place)?;
+                for (k, mapping) in mappings.mappings.iter().enumerate() {
+                    let place = format!("{place}/mappings/{k}");
+                    one(Some(mapping.material), root.materials.len(), "material", || format!("{place}/material"))?;
+                    all(&mapping.variants, variants, "variant", || format!("{place}/variants"))?;
+                }
+            }
             for (name, index) in &primitive.attributes {
                 one(Some(*index), accessors, "accessor", || place(&format!("attributes/{}", document::escape(name))))?;
             }

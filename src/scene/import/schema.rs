@@ -115,6 +115,8 @@ pub(super) struct Primitive {
     pub mode: u64,
     #[serde(default)]
     pub targets: Vec<BTreeMap<String, usize>>,
+    #[serde(default)]
+    pub extensions: Extensions,
 }
 
 fn triangles() -> u64 {
@@ -325,4 +327,19 @@ pub(super) struct Variants {
 #[derive(Debug, Deserialize)]
 pub(super) struct Variant {
     pub name: String,
+}
+
+/// Extension of the root and of primitives.
+pub(super) const VARIANTS: &str = "KHR_materials_variants";
+
+/// KHR_materials_variants of a primitive.
+#[derive(Debug, Deserialize)]
+pub(super) struct VariantMappings {
+    pub mappings: Vec<VariantMapping>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct VariantMapping {
+    pub material: usize,
+    pub variants: Vec<usize>,
 }

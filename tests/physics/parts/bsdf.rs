@@ -269,8 +269,8 @@ const FAULTS: [(&str, Fault, f64); 5] = [
     (
         "value of the microfacet lobe",
         Fault {
-            right: "value += schlick(bsdf.f0, cos_h)",
-            wrong: |e| format!("value += {} * schlick(bsdf.f0, cos_h)", 1.0 - e),
+            right: "value += schlick(bsdf.f0, bsdf.f90, cos_h)",
+            wrong: |e| format!("value += {} * schlick(bsdf.f0, bsdf.f90, cos_h)", 1.0 - e),
         },
         0.01,
     ),

@@ -12,6 +12,7 @@ mod camera;
 mod color;
 mod environment;
 mod kernel;
+mod layers;
 mod lights;
 mod lobes;
 mod quadrature;

@@ -2,10 +2,11 @@
 
 /// Statistical tests of each family, for one engine. All of both engines share one error of 0.01: a proof that holds
 /// fails once in a hundred seeds.
-const TESTS: [(&str, usize); 8] = [
+const TESTS: [(&str, usize); 9] = [
     ("Sobol points and hashes", 35),
     ("lobes", 26),
     ("whole BSDF", 75),
+    ("layers", 27),
     ("environment", 7),
     ("lights", 19),
     ("lens", 1),
