@@ -216,7 +216,8 @@ pub enum ShadowHash {
 }
 
 pub(super) fn check(check: &mut Check, preview: &PreviewParams) {
-    check.require((1.0..=1e6).contains(&preview.shininess), "shininess", || "must lie between 1 and 1000000".to_owned());
+    check
+        .require((1.0..=1e6).contains(&preview.shininess), "shininess", || "must lie between 1 and 1000000".to_owned());
     check.light(&[preview.specular], "specular");
     check.require((1..=MAX_SAMPLES).contains(&preview.samples), "samples", || {
         format!("must lie between 1 and {MAX_SAMPLES} frames")
@@ -246,7 +247,9 @@ fn check_shadows(check: &mut Check, shadows: &ShadowParams) {
     check.require(MAP_SIZES.contains(&shadows.map_size), "map_size", || {
         format!("must lie between {} and {} texels", MAP_SIZES.start(), MAP_SIZES.end())
     });
-    check.require(shadows.max_lights <= MAX_SHADOW_LIGHTS, "max_lights", || format!("must be at most {MAX_SHADOW_LIGHTS}"));
+    check.require(shadows.max_lights <= MAX_SHADOW_LIGHTS, "max_lights", || {
+        format!("must be at most {MAX_SHADOW_LIGHTS}")
+    });
     if let Some(radius) = shadows.radius {
         check.require((0.0..=256.0).contains(&radius), "radius", || "must lie between 0 and 256 texels".to_owned());
     }
@@ -278,7 +281,10 @@ impl PreviewParams {
             "mode preview: transparent triangles are blended in the order of their centres, and cast shadows by chance".to_owned(),
         ];
         if self.shading != Shading::Pbr {
-            biases.push("preview.shading: no shading but pbr conserves energy, and it sees no metal and no roughness".to_owned());
+            biases.push(
+                "preview.shading: no shading but pbr conserves energy, and it sees no metal and no roughness"
+                    .to_owned(),
+            );
         }
         if self.attenuation.kind != AttenuationKind::Physical {
             biases.push("preview.attenuation: light does not fall off with the square of the distance".to_owned());

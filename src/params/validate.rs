@@ -2,8 +2,8 @@
 
 use super::preview;
 use super::{
-    CameraParams, EngineChoice, EnvironmentChoice, EnvironmentParams, Filter, ImageFormat, LightParams, Mode, OrbitParams, OutputParams,
-    RenderParams,
+    CameraParams, EngineChoice, EnvironmentChoice, EnvironmentParams, Filter, ImageFormat, LightParams, Mode,
+    OrbitParams, OutputParams, RenderParams,
 };
 use glam::DVec3;
 

@@ -3,7 +3,7 @@
 use super::{DeviceInfo, Engine, NonFinite, RenderError, Settings, StopReason, Strategy, Work};
 use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Hdri, Lighting};
 use crate::film::Film;
-use crate::params::RenderParams;
+use crate::params::{Mode, RenderParams};
 use crate::scene::{Scene, Warning};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -63,6 +63,7 @@ fn blackness(compiled: &CompiledScene, lighting: &Lighting, unlit: bool) -> Opti
 
 impl From<&RenderParams> for Settings {
     fn from(params: &RenderParams) -> Self {
+        let is_preview = params.mode == Mode::Preview;
         Self {
             engine: params.engine,
             mode: params.mode,
@@ -70,10 +71,11 @@ impl From<&RenderParams> for Settings {
             max_bounces: params.max_bounces,
             multiple_scattering: params.multiple_scattering,
             seed: params.seed,
-            max_samples: params.max_samples,
-            adaptive: params.adaptive,
-            target_error: params.target_error,
+            max_samples: if is_preview { params.preview.samples } else { params.max_samples },
+            adaptive: params.adaptive && !is_preview,
+            target_error: params.target_error.filter(|_| !is_preview),
             deadline: params.deadline_ms.map(Duration::from_millis),
+            preview: params.preview,
         }
     }
 }
