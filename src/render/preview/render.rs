@@ -8,7 +8,7 @@ use super::layouts::{Layouts, PROJECTION_STRIDE};
 use super::lights::PreviewLights;
 use super::pipelines::{Compute, Draw, Pipelines, Style};
 use super::targets::{DEPTH, Extent, Targets};
-use crate::compile::{CompiledScene, Triangle, View};
+use crate::compile::{CompiledScene, Instance, Triangle, View};
 use crate::film::{Film, TILE_PIXELS, TileSamples};
 use crate::params::{PreviewParams, ShadingPath, ShadowAlgorithm, ShadowHash};
 use crate::render::gpu::Gpu;
@@ -325,9 +325,10 @@ impl Binder<'_> {
     }
 
     fn group(&self, layout: &wgpu::BindGroupLayout, bindings: &[(u32, BindingResource<'_>)]) -> wgpu::BindGroup {
-        let entry = |(binding, resource): &(u32, BindingResource<'_>)| (*binding, resource.clone());
-        let entries: Vec<_> =
-            bindings.iter().map(entry).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
+        let entries: Vec<_> = bindings
+            .iter()
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding: *binding, resource: resource.clone() })
+            .collect();
         self.gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
     }
 }
@@ -426,24 +427,22 @@ fn shading_values(params: &PreviewParams, scene: &CompiledScene) -> Preview {
     }
 }
 
-/// Vertices and instance of each draw: three vertices a triangle.
-fn draws(scene: &CompiledScene) -> Vec<(std::ops::Range<u32>, u32)> {
-    let range = |instance: usize| {
-        let (first, end) = triangles_of(scene, instance);
-        (3 * first..3 * end, instance as u32)
+/// Triangles of each instance's mesh: from its first to the next mesh's.
+fn meshes(scene: &CompiledScene) -> Vec<std::ops::Range<u32>> {
+    let all = scene.triangles.len() as u32;
+    let first = |instance: &Instance| if scene.two_level { instance.first_triangle } else { 0 };
+    let mut firsts: Vec<u32> = scene.instances.iter().map(first).collect();
+    firsts.sort_unstable();
+    let range = |instance| {
+        let first = first(instance);
+        first..firsts.get(firsts.partition_point(|&other| other <= first)).copied().unwrap_or(all)
     };
-    (0..scene.instances.len()).map(range).collect()
+    scene.instances.iter().map(range).collect()
 }
 
-/// Triangles of an instance's mesh: from its first to the next mesh's.
-fn triangles_of(scene: &CompiledScene, instance: usize) -> (u32, u32) {
-    let all = scene.triangles.len() as u32;
-    if !scene.two_level {
-        return (0, all);
-    }
-    let first = scene.instances[instance].first_triangle;
-    let next = scene.instances.iter().map(|other| other.first_triangle).filter(|&other| other > first).min();
-    (first, next.unwrap_or(all))
+/// Vertices and instance of each draw: three vertices a triangle.
+fn draws(scene: &CompiledScene) -> Vec<(std::ops::Range<u32>, u32)> {
+    meshes(scene).into_iter().map(|mesh| 3 * mesh.start..3 * mesh.end).zip(0..).collect()
 }
 
 /// (triangle, instance) of what is blended, from far to near.
@@ -459,16 +458,15 @@ fn blended_triangles(scene: &CompiledScene, view: &View) -> Vec<[u32; 2]> {
     }
     let to_view = view.to_world.inverse();
     let mut found: Vec<(f32, [u32; 2])> = Vec::new();
-    for (index, instance) in scene.instances.iter().enumerate() {
-        let (first, end) = triangles_of(scene, index);
+    for (index, (instance, mesh)) in (0..).zip(scene.instances.iter().zip(meshes(scene))) {
         let rows = instance.to_world.map(glam::Vec4::from_array);
         let matrix = glam::Mat4::from_cols(rows[0], rows[1], rows[2], glam::Vec4::W).transpose();
         let to_view = to_view * Affine3A::from_mat4(matrix);
-        let from = blended.partition_point(|&triangle| triangle < first);
-        for &triangle in blended[from..].iter().take_while(|&&triangle| triangle < end) {
+        let from = blended.partition_point(|&triangle| triangle < mesh.start);
+        for &triangle in blended[from..].iter().take_while(|&&triangle| triangle < mesh.end) {
             let Triangle { v0, v1, v2, .. } = scene.triangles[triangle as usize];
             let centre = [v0, v1, v2].into_iter().map(Vec3::from_array).sum::<Vec3>() / 3.0;
-            found.push((to_view.transform_point3(centre).z, [triangle, index as u32]));
+            found.push((to_view.transform_point3(centre).z, [triangle, index]));
         }
     }
     // The camera looks along -z; what is as far keeps the order of the scene.
