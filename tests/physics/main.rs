@@ -7,5 +7,6 @@ mod closed_form;
 mod direct;
 mod invariance;
 mod parts;
+mod preview;
 mod stability;
 mod third_party;
