@@ -79,6 +79,6 @@ fn picture(client: Client, scene: &str, samples: u32, round: u32) -> Result<Vec<
     ensure!(file.starts_with(PNG), "the result is not a PNG");
     let job: Value = client.get(&format!("/v1/jobs/{job}"))?.expect(200..201)?.json()?;
     let seconds = |stage: &&str| job["report"]["seconds"][*stage].as_f64().with_context(|| format!("no stage {stage}"));
-    let stages: Vec<f64> = STAGES.iter().map(|stage| seconds(stage)).collect::<Result<_>>()?;
+    let stages: Vec<f64> = STAGES.iter().map(seconds).collect::<Result<_>>()?;
     Ok(std::iter::once(total).chain(stages).collect())
 }
