@@ -105,7 +105,7 @@ enum What {
     /// The preview engine: forward against deferred shading, 1 to 10,000 lights.
     Lights {
         /// Pixels a side.
-        #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..))]
+        #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..))]
         side: u32,
         #[command(flatten)]
         rounds: Rounds,

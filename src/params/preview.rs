@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 const MAX_SAMPLES: u32 = 256;
 /// Most taps of a shadow test, blocker search and filter each.
 const MAX_TAPS: u32 = 1024;
+/// Most shadow tests of a row of the picture.
+const MAX_ROW_TESTS: u64 = 1 << 26;
 /// Sides of a shadow map in texels.
 const MAP_SIZES: std::ops::RangeInclusive<u32> = 16..=8192;
 /// Most lights with shadows: a point light takes six maps, and 96 of them are kept.
@@ -57,7 +59,7 @@ impl Default for PreviewParams {
             shadows: ShadowParams::default(),
             gizmos: false,
             gizmo_size: 0.02,
-            samples: 4,
+            samples: 1,
         }
     }
 }
@@ -215,7 +217,8 @@ pub enum ShadowHash {
     Sine,
 }
 
-pub(super) fn check(check: &mut Check, preview: &PreviewParams) {
+/// `width`: pixels of a row, the least that is drawn at a time.
+pub(super) fn check(check: &mut Check, preview: &PreviewParams, width: u32) {
     check
         .require((1.0..=1e6).contains(&preview.shininess), "shininess", || "must lie between 1 and 1000000".to_owned());
     check.light(&[preview.specular], "specular");
@@ -229,7 +232,14 @@ pub(super) fn check(check: &mut Check, preview: &PreviewParams) {
         check.light(&[cutoff], "cutoff");
     }
     check.at("attenuation", |check| check_attenuation(check, &preview.attenuation));
-    check.at("shadows", |check| check_shadows(check, &preview.shadows));
+    check.at("shadows", |check| {
+        check_shadows(check, &preview.shadows);
+        let ShadowParams { taps, max_lights, .. } = preview.shadows;
+        let tests = u64::from(width) * u64::from(taps) * u64::from(max_lights);
+        check.require(tests <= MAX_ROW_TESTS, "taps", || {
+            format!("width x taps x max_lights is {tests}, more than the {MAX_ROW_TESTS} allowed: ask for fewer")
+        });
+    });
 }
 
 fn check_attenuation(check: &mut Check, attenuation: &Attenuation) {
@@ -339,6 +349,7 @@ mod tests {
             (r#"{"attenuation": {"linear": -1}}"#, "/attenuation/linear"),
             (r#"{"attenuation": {"kind": "polynomial", "constant": 0, "linear": 0, "quadratic": 0}}"#, "/attenuation"),
             (r#"{"shadows": {"taps": 0}}"#, "/shadows/taps"),
+            (r#"{"shadows": {"taps": 1025}}"#, "/shadows/taps"),
             (r#"{"shadows": {"map_size": 8}}"#, "/shadows/map_size"),
             (r#"{"shadows": {"max_lights": 17}}"#, "/shadows/max_lights"),
             (r#"{"shadows": {"radius": -1}}"#, "/shadows/radius"),
@@ -352,6 +363,13 @@ mod tests {
             assert_eq!(faults(preview), [format!("/params/preview{field}")], "{preview}");
         }
         assert!(faults("{}").is_empty());
+    }
+
+    #[test]
+    fn a_row_has_a_bound() {
+        let json = r#"{"mode": "preview", "width": 16000, "height": 1, "preview": {"shadows": {"taps": 1024, "max_lights": 16}}}"#;
+        let faults = from_json(json).unwrap().validate(&ParamLimits::default()).unwrap_err();
+        assert_eq!(faults[0].pointer, "/params/preview/shadows/taps");
     }
 
     #[test]

@@ -78,7 +78,7 @@ impl RenderParams {
             });
             check.at("filter", |check| check_filter(check, &self.filter));
             check.at("output", |check| check_output(check, &self.output));
-            check.at("preview", |check| preview::check(check, &self.preview));
+            check.at("preview", |check| preview::check(check, &self.preview, self.width));
             check.require(self.mode != Mode::Preview || self.engine != EngineChoice::Cpu, "engine", || {
                 "previews are drawn by graphics drivers alone: leave it out, or ask for gpu".to_owned()
             });

@@ -69,7 +69,7 @@ pub fn acne_and_leak(picture: &Picture, reference: &Picture, unshadowed: &Pictur
     (lacking / f64::max(lit, f64::MIN_POSITIVE), leaked / f64::max(dark, f64::MIN_POSITIVE))
 }
 
-/// Largest difference of a channel.
+/// Largest difference of a channel, where more than 1 is white: relative to that.
 pub fn largest(a: &Picture, b: &Picture) -> f32 {
     let pixels = a.pixels.iter().zip(&b.pixels);
     pixels.flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b).abs())).fold(0.0, f32::max)

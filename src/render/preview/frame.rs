@@ -1,7 +1,8 @@
-//! The passes of one frame. What a picture does not need has no pass.
+//! The passes of one frame, light in bands of rows. What a picture does not need has no pass.
 
 use super::layouts::PROJECTION_STRIDE;
 use super::targets::Targets;
+use std::ops::Range;
 use std::sync::Arc;
 use wgpu::{BindGroup, CommandEncoder, ComputePipeline, LoadOp, RenderPass, RenderPipeline, TextureView};
 
@@ -19,7 +20,7 @@ pub struct Frame {
     /// Pixels across and down.
     pub size: (u32, u32),
     /// Vertices and instance of each draw of the scene.
-    pub draws: Vec<(std::ops::Range<u32>, u32)>,
+    pub draws: Vec<(Range<u32>, u32)>,
     /// Vertices of the blended triangles.
     pub blended_vertices: u32,
     /// All lights.
@@ -71,34 +72,37 @@ impl Frame {
         }
     }
 
-    /// All passes from the scene to the sums.
-    pub fn draw(&self, encoder: &mut CommandEncoder) {
+    /// What all rows need: the G-buffer, or of the forward path the depths that lights are listed by; and these lists.
+    pub fn draw_geometry(&self, encoder: &mut CommandEncoder) {
         let targets = &*self.targets;
         if self.pipelines.deferred {
-            self.draw_surfaces(encoder, &[&targets.surface, &targets.radiance], LoadOp::Clear(0.0));
-            self.cull(encoder);
+            let colors = [&targets.surface, &targets.radiance].map(|view| (view, CLEAR));
+            let mut pass = begin(encoder, &colors, &targets.depth, LoadOp::Clear(0.0));
+            pass.set_pipeline(&self.pipelines.surfaces);
+            self.draw_scene(&mut pass, 0);
         } else if let Some(pipeline) = &self.pipelines.depth {
-            {
-                let mut pass = begin(encoder, &[], &targets.depth, LoadOp::Clear(0.0));
-                pass.set_pipeline(pipeline);
-                self.draw_scene(&mut pass, 0);
-            }
-            self.cull(encoder);
-            self.draw_surfaces(encoder, &[&targets.radiance], LoadOp::Load);
-        } else {
-            self.draw_surfaces(encoder, &[&targets.radiance], LoadOp::Clear(0.0));
+            let mut pass = begin(encoder, &[], &targets.depth, LoadOp::Clear(0.0));
+            pass.set_pipeline(pipeline);
+            self.draw_scene(&mut pass, 0);
         }
-        self.draw_overlay(encoder);
-        self.finish(encoder);
+        self.cull(encoder);
     }
 
-    fn draw_surfaces(&self, encoder: &mut CommandEncoder, colors: &[&TextureView], depth: LoadOp<f32>) {
-        let mut pass = begin(encoder, colors, &self.targets.depth, depth);
-        pass.set_pipeline(&self.pipelines.surfaces);
+    /// Light on some rows, from the surfaces to the sums.
+    pub fn light_rows(&self, encoder: &mut CommandEncoder, rows: &Range<u32>) {
+        let is_first = rows.start == 0;
         if !self.pipelines.deferred {
+            let targets = &*self.targets;
+            let clear_depth = is_first && self.pipelines.depth.is_none();
+            let depth = if clear_depth { LoadOp::Clear(0.0) } else { LoadOp::Load };
+            let mut pass = begin(encoder, &[(&targets.radiance, color_load(is_first))], &targets.depth, depth);
+            pass.set_scissor_rect(0, rows.start, self.size.0, rows.len() as u32);
+            pass.set_pipeline(&self.pipelines.surfaces);
             pass.set_bind_group(2, &self.groups.light, &[]);
+            self.draw_scene(&mut pass, 0);
         }
-        self.draw_scene(&mut pass, 0);
+        self.draw_overlay(encoder, rows);
+        self.finish(encoder, rows);
     }
 
     fn draw_scene(&self, pass: &mut RenderPass<'_>, slot: u32) {
@@ -122,11 +126,13 @@ impl Frame {
     }
 
     /// Gizmos, then blended triangles from far to near, behind what is nearer.
-    fn draw_overlay(&self, encoder: &mut CommandEncoder) {
+    fn draw_overlay(&self, encoder: &mut CommandEncoder, rows: &Range<u32>) {
         if self.pipelines.gizmos.is_none() && self.pipelines.blended.is_none() {
             return;
         }
-        let mut pass = begin(encoder, &[&self.targets.overlay], &self.targets.depth, LoadOp::Load);
+        let overlay = (&self.targets.overlay, color_load(rows.start == 0));
+        let mut pass = begin(encoder, &[overlay], &self.targets.depth, LoadOp::Load);
+        pass.set_scissor_rect(0, rows.start, self.size.0, rows.len() as u32);
         pass.set_bind_group(0, &self.groups.scene, &[]);
         pass.set_bind_group(1, &self.groups.projection, &[0]);
         pass.set_bind_group(2, &self.groups.light, &[]);
@@ -141,28 +147,33 @@ impl Frame {
         }
     }
 
-    fn finish(&self, encoder: &mut CommandEncoder) {
+    fn finish(&self, encoder: &mut CommandEncoder, rows: &Range<u32>) {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         pass.set_pipeline(&self.pipelines.finish);
         pass.set_bind_group(0, &self.groups.scene, &[]);
         pass.set_bind_group(2, &self.groups.light, &[]);
         pass.set_bind_group(3, &self.groups.finish, &[]);
-        pass.dispatch_workgroups(self.size.0.div_ceil(GROUP), self.size.1.div_ceil(GROUP), 1);
+        pass.dispatch_workgroups(self.size.0.div_ceil(GROUP), (rows.len() as u32).div_ceil(GROUP), 1);
     }
 }
 
-/// A pass over cleared colours.
+const CLEAR: LoadOp<wgpu::Color> = LoadOp::Clear(wgpu::Color::TRANSPARENT);
+
+fn color_load(is_first: bool) -> LoadOp<wgpu::Color> {
+    if is_first { CLEAR } else { LoadOp::Load }
+}
+
 fn begin<'a>(
     encoder: &'a mut CommandEncoder,
-    colors: &[&TextureView],
+    colors: &[(&TextureView, LoadOp<wgpu::Color>)],
     depth: &TextureView,
     load: LoadOp<f32>,
 ) -> RenderPass<'a> {
-    let color = |view| {
-        let ops = wgpu::Operations { load: LoadOp::Clear(wgpu::Color::TRANSPARENT), store: wgpu::StoreOp::Store };
+    let color = |&(view, load): &(_, _)| {
+        let ops = wgpu::Operations { load, store: wgpu::StoreOp::Store };
         Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })
     };
-    let colors: Vec<_> = colors.iter().map(|view| color(*view)).collect();
+    let colors: Vec<_> = colors.iter().map(color).collect();
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: None,
         color_attachments: &colors,

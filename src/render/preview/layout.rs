@@ -50,6 +50,9 @@ pub struct Preview {
     pub open_tiles: u32,
     pub has_overlay: u32,
     pub map_size: u32,
+    pub first_row: u32,
+    pub end_row: u32,
+    pub pad: [u32; 2],
     pub harmonics: [[f32; 4]; 9],
 }
 
@@ -122,6 +125,8 @@ mod tests {
                 open_tiles,
                 has_overlay,
                 map_size,
+                first_row,
+                end_row,
                 harmonics,
             }
         );

@@ -5,6 +5,7 @@
 //! with the tracer: surfaces, materials, lights and shadow rays are the same functions.
 
 mod ambient;
+mod bands;
 mod camera;
 mod faces;
 mod frame;

@@ -1,6 +1,7 @@
 //! One preview under way: its uploads, then frame after frame, each moved by a part of a pixel.
 
 use super::Previews;
+use super::bands::Bands;
 use super::camera::{jitter, projection};
 use super::frame::{Frame, FramePipelines, Groups};
 use super::layout::{Preview, PreviewLight, Projection};
@@ -19,9 +20,13 @@ use crate::render::{DeviceInfo, NonFinite, Render, RenderError, StopReason, Work
 use bytemuck::Zeroable;
 use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use wgpu::BindingResource;
+
+/// How often the film is made while there is more to come.
+const COLLECT_PERIOD: Duration = Duration::from_secs(1);
 
 /// A preview under way.
 pub struct PreviewRender {
@@ -33,8 +38,13 @@ pub struct PreviewRender {
     projections: wgpu::Buffer,
     camera: Camera,
     film: Film,
+    /// Frames that are done.
     done: u32,
     count: u32,
+    /// First row of the frame under way that is not lit.
+    row: u32,
+    bands: Bands,
+    collected: Instant,
     deadline: Option<Duration>,
     tracing: Duration,
     non_finite: NonFinite,
@@ -119,6 +129,9 @@ impl PreviewRender {
             camera: Camera { view: work.view, scene: Arc::clone(&work.scene), filter: Box::new(SceneFrame::new(work)) },
             film: Film::new(extent.width, extent.height),
             done: 0,
+            row: 0,
+            bands: Bands::new(work, &lights),
+            collected: Instant::now(),
             count: work.settings.max_samples.max(1),
             deadline: work.settings.deadline,
             tracing: Duration::ZERO,
@@ -126,19 +139,25 @@ impl PreviewRender {
         })
     }
 
-    /// Draws a frame; copies the sums out if it is the last.
-    fn draw(&mut self, is_last: bool) -> Result<(), RenderError> {
-        self.preview.camera = self.camera.projection(self.done, self.count);
-        self.preview.sample = self.done;
-        self.gpu.queue.write_buffer(&self.preview_buffer, 0, bytemuck::bytes_of(&self.preview));
-        self.gpu.queue.write_buffer(&self.projections, 0, bytemuck::bytes_of(&self.preview.camera));
-        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        if self.done == 0 {
-            self.frame.draw_shadow_maps(&mut encoder);
+    /// Draws the next rows of the frame under way, with the first of them what all need; copies the sums out with the last, if the
+    /// host is to have them.
+    fn draw(&mut self, rows: &Range<u32>, wanted: bool) -> Result<(), RenderError> {
+        if rows.start == 0 {
+            self.preview.camera = self.camera.projection(self.done, self.count);
+            self.preview.sample = self.done;
+            self.gpu.queue.write_buffer(&self.projections, 0, bytemuck::bytes_of(&self.preview.camera));
         }
-        self.frame.draw(&mut encoder);
-        self.done += 1;
-        if is_last {
+        (self.preview.first_row, self.preview.end_row) = (rows.start, rows.end);
+        self.gpu.queue.write_buffer(&self.preview_buffer, 0, bytemuck::bytes_of(&self.preview));
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        if rows.start == 0 {
+            if self.done == 0 {
+                self.frame.draw_shadow_maps(&mut encoder);
+            }
+            self.frame.draw_geometry(&mut encoder);
+        }
+        self.frame.light_rows(&mut encoder, rows);
+        if wanted {
             let targets = &self.frame.targets;
             encoder.copy_buffer_to_buffer(&targets.sums, 0, &targets.readback, 0, targets.sums.size());
         }
@@ -146,7 +165,7 @@ impl PreviewRender {
         self.gpu.wait()
     }
 
-    /// Hands the sums to the film.
+    /// Makes the film anew from the sums of the frames that are done.
     fn collect(&mut self) -> Result<(), RenderError> {
         let readback = &self.frame.targets.readback;
         readback.map_async(wgpu::MapMode::Read, .., |_| {});
@@ -158,7 +177,9 @@ impl PreviewRender {
         let is_infinite = |sum: &&[f32; 4]| !sum.iter().any(|v| v.is_nan()) && sum.iter().any(|v| v.is_infinite());
         self.non_finite.nan = sums.iter().filter(is_nan).count() as u64;
         self.non_finite.infinite = sums.iter().filter(is_infinite).count() as u64;
-        add_to_film(&mut self.film, sums, self.done);
+        let mut film = Film::new(self.film.width(), self.film.height());
+        add_to_film(&mut film, sums, self.done);
+        self.film = film;
         drop(mapped);
         readback.unmap();
         Ok(())
@@ -171,17 +192,25 @@ impl Render for PreviewRender {
     }
 
     fn step(&mut self) -> Result<Option<StopReason>, RenderError> {
-        if self.film.samples() > 0 {
+        if self.done >= self.count {
             return Ok(Some(StopReason::MaxSamples));
         }
         let begun = Instant::now();
+        let height = self.frame.size.1;
+        let rows = self.row..(self.row + self.bands.rows()).min(height);
+        let ends_frame = rows.end == height;
         // A frame more would come too late if it took as long as those before it.
         let per_frame = if self.done > 0 { self.tracing / self.done } else { Duration::ZERO };
         let is_late = self.deadline.is_some_and(|deadline| self.tracing + 2 * per_frame >= deadline);
-        let is_last = self.done + 1 >= self.count || is_late;
-        self.draw(is_last)?;
-        if is_last {
+        let is_last = ends_frame && (self.done + 1 >= self.count || is_late);
+        let wanted = is_last || ends_frame && self.collected.elapsed() >= COLLECT_PERIOD;
+        self.draw(&rows, wanted)?;
+        self.bands.learn(rows.len() as u32, begun.elapsed());
+        self.row = if ends_frame { 0 } else { rows.end };
+        self.done += u32::from(ends_frame);
+        if wanted {
             self.collect()?;
+            self.collected = Instant::now();
         }
         self.tracing += begun.elapsed();
         let reason = if self.done < self.count { StopReason::Deadline } else { StopReason::MaxSamples };
@@ -197,7 +226,8 @@ impl Render for PreviewRender {
     }
 
     fn progress(&self) -> f64 {
-        f64::from(self.done) / f64::from(self.count)
+        let part = f64::from(self.row) / f64::from(self.frame.size.1);
+        (f64::from(self.done) + part) / f64::from(self.count)
     }
 
     fn non_finite(&self) -> NonFinite {
@@ -428,7 +458,7 @@ fn shading_values(params: &PreviewParams, scene: &CompiledScene) -> Preview {
 }
 
 /// Triangles of each instance's mesh: from its first to the next mesh's.
-fn meshes(scene: &CompiledScene) -> Vec<std::ops::Range<u32>> {
+fn meshes(scene: &CompiledScene) -> Vec<Range<u32>> {
     let all = scene.triangles.len() as u32;
     let first = |instance: &Instance| if scene.two_level { instance.first_triangle } else { 0 };
     let mut firsts: Vec<u32> = scene.instances.iter().map(first).collect();
@@ -441,7 +471,7 @@ fn meshes(scene: &CompiledScene) -> Vec<std::ops::Range<u32>> {
 }
 
 /// Vertices and instance of each draw: three vertices a triangle.
-fn draws(scene: &CompiledScene) -> Vec<(std::ops::Range<u32>, u32)> {
+fn draws(scene: &CompiledScene) -> Vec<(Range<u32>, u32)> {
     meshes(scene).into_iter().map(|mesh| 3 * mesh.start..3 * mesh.end).zip(0..).collect()
 }
 

@@ -14,7 +14,7 @@ fn strewn(count: usize, centre: [f64; 3], extent: [f64; 3], range: f64) -> Value
     let light = |i: usize| {
         let color = [0.2 + 0.8 * (i % 3) as f64 / 2.0, 0.5, 1.0 - 0.8 * (i % 5) as f64 / 4.0];
         let position = [place(i, 0), place(i, 1), place(i, 2)];
-        if i % 4 == 0 {
+        if i.is_multiple_of(4) {
             json!({"type": "spot", "position": position, "direction": [0.3, -1, 0.1], "color": color, "intensity": 0.4,
                    "outer_cone_degrees": 60, "range": range})
         } else {

@@ -89,7 +89,7 @@ fn soft_shadows_are_as_wide_as_the_disk_makes_them() {
                 let profile = profile(kind, shadows);
                 let error = rms(&profile, |x| segment(x / radius));
                 let wide = width(&profile) / (TENTHS * radius);
-                println!("{kind} {size} {algorithm}: rms {error:.4}, width {wide:.3} of the closed form's");
+                eprintln!("{kind} {size} {algorithm}: rms {error:.4}, width {wide:.3} of the closed form's");
                 assert!(error < tolerance, "{kind} {size} {algorithm}: {error}");
                 // Normal deviates have wider tails than a disk as wide.
                 let widest = if algorithm == "pcss_noise" { 1.5 } else { 1.12 };
@@ -123,7 +123,7 @@ fn filters_are_as_wide_as_their_kernel() {
     // Phi(x / sigma), by its logistic approximation to 0.01.
     let deviation = half_width / 3.0f64.sqrt();
     let noisy = rms(&profile("spot", shadows("noise")), |x| 1.0 / (1.0 + (-1.702 * x / deviation).exp()));
-    println!("pcf {regular:.4}, noise {noisy:.4}");
+    eprintln!("pcf {regular:.4}, noise {noisy:.4}");
     assert!(regular < 0.03, "pcf: {regular}");
     assert!(noisy < 0.03, "noise: {noisy}");
 }
@@ -157,7 +157,7 @@ fn maps_show_what_rays_find() {
             let in_shadow = part_differing(&rays, &none, 0.02);
             assert!(in_shadow > 0.02, "{light}: only {in_shadow} in shadow");
             let wrong = part_differing(&by("basic"), &rays, 0.02);
-            println!("{path} {light}: {:.2} % in shadow, {:.2} % wrong", 100.0 * in_shadow, 100.0 * wrong);
+            eprintln!("{path} {light}: {:.2} % in shadow, {:.2} % wrong", 100.0 * in_shadow, 100.0 * wrong);
             assert!(wrong < 0.015, "{path}, {light}: {:.2} % of the pixels", 100.0 * wrong);
         }
     }
@@ -184,7 +184,7 @@ fn surfaces_do_not_shadow_themselves() {
             let (shadowed, open) = (by(algorithm), by("none"));
             let light = |p: &Picture| p.pixels.iter().map(|p| f64::from(p[0])).sum::<f64>();
             let lost = 1.0 - light(&shadowed) / light(&open);
-            println!("{name} {algorithm}: {:.3} % of the light lost", 100.0 * lost);
+            eprintln!("{name} {algorithm}: {:.3} % of the light lost", 100.0 * lost);
             assert!(lost < 0.01, "{name} {algorithm}: {:.2} % of the light is lost", 100.0 * lost);
         }
     }
