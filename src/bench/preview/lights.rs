@@ -1,7 +1,7 @@
 //! Forward against deferred shading, 1 to 10,000 lights, listed per tile and not.
 
 use super::frames;
-use super::similarity::largest;
+use super::similarity::part_differing;
 use crate::bench::plot;
 use crate::bench::plot::Line;
 use crate::bench::skip::kernel::{demo_scene, work};
@@ -44,7 +44,7 @@ enum Radii {
 /// A device fault, or a file that cannot be written.
 pub fn run(engine: &mut GpuEngine, side: u32, rounds: u32, folder: &Path, out: &mut dyn Write) -> Result<()> {
     let mut panels = Vec::new();
-    for demo in ["grid", "instances"] {
+    for demo in ["grid", "emitters"] {
         let scene = demo_scene(demo)?;
         for radii in [Radii::Same, Radii::Shrinking] {
             let title = match radii {
@@ -67,7 +67,7 @@ fn table(
     out: &mut dyn Write,
 ) -> Result<Vec<Line>> {
     let names: Vec<&str> = WAYS.iter().map(|way| way.0).collect();
-    writeln!(out, "| lights | {} | largest difference |", names.join(", ms | ") + ", ms")?;
+    writeln!(out, "| lights | {} | pixels that differ |", names.join(", ms | ") + ", ms")?;
     writeln!(out, "|---{}|", "|---".repeat(WAYS.len() + 1))?;
     let mut lines: Vec<Line> = names.iter().map(|name| Line { name: (*name).to_owned(), points: Vec::new() }).collect();
     for count in COUNTS {
@@ -75,8 +75,8 @@ fn table(
         let works: Vec<Work> = works.into_iter().collect::<Result<_>>()?;
         let drawn = frames(engine, &works, rounds)?;
         let cells: Vec<String> = drawn.iter().map(|(_, seconds)| format!("{:.1}", 1e3 * seconds)).collect();
-        let worst = drawn.iter().map(|(picture, _)| largest(picture, &drawn[0].0)).fold(0.0, f32::max);
-        writeln!(out, "| {count} | {} | {worst:.1e} |", cells.join(" | "))?;
+        let worst = drawn.iter().map(|(picture, _)| part_differing(picture, &drawn[0].0)).fold(0.0, f32::max);
+        writeln!(out, "| {count} | {} | {:.3} % |", cells.join(" | "), 100.0 * worst)?;
         for (line, (_, seconds)) in lines.iter_mut().zip(&drawn) {
             line.points.push((count as f64, *seconds));
         }

@@ -69,10 +69,13 @@ pub fn acne_and_leak(picture: &Picture, reference: &Picture, unshadowed: &Pictur
     (lacking / f64::max(lit, f64::MIN_POSITIVE), leaked / f64::max(dark, f64::MIN_POSITIVE))
 }
 
-/// Largest difference of a channel, where more than 1 is white: relative to that.
-pub fn largest(a: &Picture, b: &Picture) -> f32 {
-    let pixels = a.pixels.iter().zip(&b.pixels);
-    pixels.flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b).abs())).fold(0.0, f32::max)
+/// Part of the pixels of which a channel differs by more than a step of 8 bits; where more than 1 is white, relative to that.
+pub fn part_differing(a: &Picture, b: &Picture) -> f64 {
+    let differs = |(a, b): (&[f32; 4], &[f32; 4])| {
+        let differs = a.iter().zip(b).any(|(a, b)| (a - b).abs() > a.abs().max(1.0) / 255.0);
+        f64::from(u8::from(differs))
+    };
+    mean(a.pixels.iter().zip(&b.pixels).map(differs))
 }
 
 fn gray(pixel: &[f32; 4]) -> f64 {

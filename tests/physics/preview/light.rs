@@ -1,7 +1,9 @@
 //! Many lights: ways of drawing that must give the same picture.
 
-use super::{STEP, demo, part_differing, preview, request};
+use super::{STEP, demo, imported, part_differing, preview, request};
 use crate::support::{grey, scene, square, work};
+use candela::demo::many_instances;
+use candela::scene::Scene;
 use glam::DAffine3;
 use serde_json::{Value, json};
 
@@ -24,18 +26,18 @@ fn strewn(count: usize, centre: [f64; 3], extent: [f64; 3], range: f64) -> Value
     (0..count).map(light).collect()
 }
 
-fn scenes() -> Vec<(&'static str, Value)> {
+/// Textures and transparency, many spheres, and instances; each with its lights.
+fn scenes() -> Vec<(&'static str, Scene, Value)> {
     vec![
-        ("detail", strewn(300, [0.0, 0.5, 0.0], [4.0, 1.0, 3.0], 0.6)),
-        ("grid", strewn(500, [0.0, 0.0, 0.5], [8.0, 8.0, 2.0], 0.8)),
-        ("instances", strewn(200, [0.0, 1.0, 0.0], [60.0, 2.0, 60.0], 5.0)),
+        ("detail", demo("detail"), strewn(300, [0.0, 0.5, 0.0], [4.0, 1.0, 3.0], 0.6)),
+        ("grid", demo("grid"), strewn(500, [0.0, 0.0, 0.5], [8.0, 8.0, 2.0], 0.8)),
+        ("instances", imported(many_instances(5)), strewn(200, [0.0, 0.5, 0.0], [6.0, 1.0, 6.0], 1.0)),
     ]
 }
 
 #[test]
 fn deferred_and_forward_give_the_same_picture() {
-    for (name, lights) in scenes() {
-        let scene = demo(name);
+    for (name, scene, lights) in scenes() {
         let by = |path: &str| preview(&scene, json!({"lights": lights, "preview": {"path": path, "gizmos": true}}));
         let (deferred, forward) = (by("deferred"), by("forward"));
         let differing = part_differing(&deferred, &forward, STEP);
@@ -46,8 +48,7 @@ fn deferred_and_forward_give_the_same_picture() {
 
 #[test]
 fn culling_changes_no_bit() {
-    for (name, lights) in scenes() {
-        let scene = demo(name);
+    for (name, scene, lights) in scenes() {
         for path in ["deferred", "forward"] {
             let by = |culling: bool| {
                 preview(&scene, json!({"lights": lights, "preview": {"path": path, "culling": culling}}))
@@ -59,8 +60,7 @@ fn culling_changes_no_bit() {
 
 #[test]
 fn the_same_request_gives_the_same_bits() {
-    let (name, lights) = scenes().swap_remove(0);
-    let scene = demo(name);
+    let (_, scene, lights) = scenes().swap_remove(0);
     for algorithm in ["pcss_noise", "ray"] {
         let shadows = json!({"algorithm": algorithm, "light_size": 0.1, "taps": 8, "max_lights": 3});
         let draw = || preview(&scene, json!({"lights": lights, "preview": {"samples": 3, "shadows": shadows}}));

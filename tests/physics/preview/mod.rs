@@ -48,8 +48,12 @@ fn preview(scene: &Scene, extra: Value) -> Picture {
 
 /// A scene that Candela makes itself.
 fn demo(name: &str) -> Scene {
+    imported(candela::demo::by_name(name).expect("a demo"))
+}
+
+fn imported(glb: Vec<u8>) -> Scene {
     let limits = Limits::default();
-    let package = Package::from_bytes(candela::demo::by_name(name).expect("a demo"), &limits).expect("a package");
+    let package = Package::from_bytes(glb, &limits).expect("a package");
     import(&package, &limits).expect("a scene")
 }
 
