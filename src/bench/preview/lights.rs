@@ -75,7 +75,7 @@ fn table(
         let works: Vec<Work> = works.into_iter().collect::<Result<_>>()?;
         let drawn = frames(engine, &works, rounds)?;
         let cells: Vec<String> = drawn.iter().map(|(_, seconds)| format!("{:.1}", 1e3 * seconds)).collect();
-        let worst = drawn.iter().map(|(picture, _)| part_differing(picture, &drawn[0].0)).fold(0.0, f32::max);
+        let worst = drawn.iter().map(|(picture, _)| part_differing(picture, &drawn[0].0)).fold(0.0, f64::max);
         writeln!(out, "| {count} | {} | {:.3} % |", cells.join(" | "), 100.0 * worst)?;
         for (line, (_, seconds)) in lines.iter_mut().zip(&drawn) {
             line.points.push((count as f64, *seconds));
