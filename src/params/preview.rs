@@ -286,7 +286,7 @@ impl PreviewParams {
              mirrors show the environment alone"
                 .to_owned(),
             "mode preview: nothing keeps the environment's light off a surface, and what it adds is read from spherical \
-             harmonics and prefiltered pictures"
+             harmonics of second order, for highlights mixed with the mirror's direction"
                 .to_owned(),
             "mode preview: transparent triangles are blended in the order of their centres, and cast shadows by chance".to_owned(),
         ];
