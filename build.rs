@@ -8,6 +8,9 @@ use wesl::{ManglerKind, Wesl};
 fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     link_shader("package::pathtrace::pathtrace", "pathtrace");
+    for name in ["draw", "tiles", "finish"] {
+        link_shader(&format!("package::preview::{name}"), &format!("preview_{name}"));
+    }
     // Kernels that tests alone run; no program embeds them.
     link_shader("package::proof::parts", "parts");
     contract(&out);

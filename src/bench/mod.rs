@@ -9,6 +9,7 @@ pub mod error;
 pub mod http;
 pub mod memory;
 mod plot;
+pub mod preview;
 pub mod skip;
 pub mod trace;
 mod yardstick;

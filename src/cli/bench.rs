@@ -102,6 +102,37 @@ enum What {
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
+    /// The preview engine: forward against deferred shading, 1 to 10,000 lights.
+    Lights {
+        /// Pixels a side.
+        #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..))]
+        side: u32,
+        #[command(flatten)]
+        rounds: Rounds,
+        /// Folder for lights.svg.
+        #[arg(long, default_value = ".", value_name = "FOLDER")]
+        folder: PathBuf,
+    },
+    /// The preview engine: shadow algorithms, time against error.
+    Shadows {
+        /// glTF files to measure beside the still life.
+        models: Vec<PathBuf>,
+        /// Pixels a side.
+        #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..))]
+        side: u32,
+        #[command(flatten)]
+        rounds: Rounds,
+        /// Folder for shadows.csv and shadows.svg.
+        #[arg(long, default_value = ".", value_name = "FOLDER")]
+        folder: PathBuf,
+    },
+    /// The preview engine over HTTP: from POST to PNG, by stage.
+    Preview {
+        /// GLB files to measure beside the demos.
+        models: Vec<PathBuf>,
+        #[command(flatten)]
+        rounds: Rounds,
+    },
     /// What it saves to leave out what a picture does not need, and that the picture stays the same.
     Skip(Rounds),
     /// The service over HTTP: cold and warm, more clients than places, a small job beside a long one.
@@ -155,6 +186,20 @@ fn measure(what: &What) -> Result<()> {
             let size = bench::error::Size { side: *side, samples: *samples, reference: *reference };
             let choice = bench::error::Choice { peers: peers.as_deref(), scenes, ways };
             bench::error::run(size, choice, folder, &mut out)?;
+        }
+        What::Lights { side, rounds, folder } => {
+            let mut engine = GpuEngine::new()?;
+            writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(engine.device()), rounds.rounds)?;
+            bench::preview::lights::run(&mut engine, *side, rounds.rounds, folder, &mut out)?;
+        }
+        What::Shadows { models, side, rounds, folder } => {
+            let mut engine = GpuEngine::new()?;
+            writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(engine.device()), rounds.rounds)?;
+            bench::preview::shadows::run(&mut engine, models, *side, rounds.rounds, folder, &mut out)?;
+        }
+        What::Preview { models, rounds } => {
+            writeln!(out, "On {}; medians of {}.\n", bench::machine(GpuEngine::new()?.device()), rounds.rounds)?;
+            bench::preview::post::run(models, rounds.rounds, &mut out)?;
         }
         What::Skip(rounds) => bench::skip::run(&mut GpuEngine::new()?, rounds.rounds, &mut out)?,
         What::Http(rounds) => bench::http::run(rounds.rounds, &mut out)?,

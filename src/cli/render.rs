@@ -140,7 +140,7 @@ fn picture(
     quiet: bool,
 ) -> Result<(Vec<u8>, Aovs, Report), Failure> {
     let Prepared { work, defaults, biases, warnings } = prepared;
-    let scene = work.scene.stats.clone();
+    let (scene, adaptive) = (work.scene.stats.clone(), work.settings.adaptive);
     let mut bar = Bar::new(work.settings, quiet);
     let rendered = render_to_end(engine, work, &mut |progress| bar.show(progress));
     bar.finish();
@@ -154,7 +154,7 @@ fn picture(
         samples: rendered.film.samples(),
         samples_min,
         samples_max,
-        adaptive: params.adaptive,
+        adaptive,
         error: error.map(|error| error.relative_rms),
         error_bound_95: error.map(|error| error.upper_bound_95),
         seed: params.seed,

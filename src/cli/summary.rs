@@ -1,6 +1,6 @@
 //! What `candela render` says at the end.
 
-use crate::params::RenderParams;
+use crate::params::{Mode, RenderParams};
 use crate::render::report::Report;
 use std::fmt::{self, Display, Formatter};
 
@@ -26,7 +26,7 @@ impl Display for Summary<'_> {
             "picture",
             format!("{place}: {width} x {height}, {samples} samples per pixel{spread}, ended by {reason}"),
         )?;
-        line("error", error(report))?;
+        line("error", error(params, report))?;
         line("seconds", report.stage_line())?;
         let device = &report.device;
         line("device", format!("{} ({}, {})", device.name, device.backend, device.driver))?;
@@ -47,8 +47,9 @@ impl Display for Summary<'_> {
     }
 }
 
-fn error(report: &Report) -> String {
+fn error(params: &RenderParams, report: &Report) -> String {
     match (report.error, report.error_bound_95) {
+        _ if params.mode == Mode::Preview => "not measured: a preview states none, but what it leaves out".to_owned(),
         (Some(error), Some(bound)) => format!("{:.3} % (95 %: below {:.3} %)", 100.0 * error, 100.0 * bound),
         _ => "not measured: that takes at least 2 samples per pixel".to_owned(),
     }

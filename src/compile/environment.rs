@@ -52,7 +52,8 @@ fn kind(params: &EnvironmentParams, hdri: Option<Arc<Hdri>>) -> Result<Environme
 /// Adds neutral light where nothing else shines: a soft sky on paths, a key light and a fill in direct mode.
 pub fn neutral(mode: Mode, lighting: &mut Lighting) -> Vec<DefaultTaken> {
     match mode {
-        Mode::Path => {
+        // A preview stands in for the path-traced picture.
+        Mode::Path | Mode::Preview => {
             let [top, horizon, bottom] = SKY.map(Vec3::splat);
             lighting.environment.kind = EnvironmentKind::Gradient { top, horizon, bottom };
             let value = json!({"gradient": {"top": rgb(SKY[0]), "horizon": rgb(SKY[1]), "bottom": rgb(SKY[2])}});

@@ -57,7 +57,7 @@ fn outcome(ended: Ended) -> Result<Outcome, Problem> {
         samples: film.samples(),
         samples_min,
         samples_max,
-        adaptive: job.params.adaptive,
+        adaptive: prepared.work.settings.adaptive,
         error: error.map(|error| error.relative_rms),
         error_bound_95: error.map(|error| error.upper_bound_95),
         seed: job.params.seed,

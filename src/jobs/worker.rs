@@ -8,7 +8,7 @@ use super::progress::{Progress, seconds};
 use super::share::{self, Pace};
 use super::table::Table;
 use crate::film::Film;
-use crate::params::ImageFormat;
+use crate::params::{ImageFormat, Mode};
 use crate::render::forecast::Forecast;
 use crate::render::prepare::Prepared;
 use crate::render::report::Stages;
@@ -229,7 +229,9 @@ impl Worker {
         let active = self.active.swap_remove(turn);
         let Active { ready, render, claim, attained, started, .. } = active;
         let samples = render.film().samples();
-        self.pace.learn(pixel_samples(&ready.prepared.work, samples), attained);
+        if ready.prepared.work.settings.mode != Mode::Preview {
+            self.pace.learn(pixel_samples(&ready.prepared.work, samples), attained);
+        }
         let (non_finite, device) = (render.non_finite(), render.device().clone());
         let Ok(film) = guarded(|| Ok(render.into_film())) else {
             return self.fail(&ready.job, Fault::Panic.into());

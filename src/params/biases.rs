@@ -10,7 +10,12 @@ impl RenderParams {
             biases
                 .push("mode direct: light that comes by way of other surfaces is missing, mirrors excepted".to_owned());
         }
-        if let Some(bounces) = self.max_bounces {
+        if self.mode == Mode::Preview {
+            biases.extend(self.preview.biases());
+            if self.camera.as_ref().is_some_and(|camera| camera.aperture_radius > 0.0) {
+                biases.push("mode preview: the lens is a point, whatever `camera.aperture_radius` says".to_owned());
+            }
+        } else if let Some(bounces) = self.max_bounces {
             biases.push(format!("max_bounces {bounces}: light that scatters more often than that is missing"));
         }
         if !self.multiple_scattering {

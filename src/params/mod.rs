@@ -6,12 +6,17 @@
 mod biases;
 mod lights;
 mod parse;
+mod preview;
 mod query;
 mod strict;
 mod validate;
 
 pub use lights::{LightParams, SpotFalloff};
 pub use parse::{from_json, from_json_and_query, from_query, read};
+pub use preview::{
+    Attenuation, AttenuationKind, MAX_SHADOW_LIGHTS, PreviewParams, Shading, ShadingPath, ShadowAlgorithm, ShadowBias,
+    ShadowHash, ShadowParams, SpotEdge,
+};
 pub use strict::{JsonError, json};
 pub use validate::{FieldError, ParamLimits};
 
@@ -21,7 +26,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RenderParams {
-    /// Transport: full path tracing, or direct light with mirrors only.
+    /// Transport: full path tracing, direct light with mirrors only, or a rasterised preview.
     pub mode: Mode,
     /// Which engine traces.
     pub engine: EngineChoice,
@@ -59,6 +64,8 @@ pub struct RenderParams {
     /// Energy compensation for multiple scattering in microfacets (docs/accuracy.md). Off: the single-scattering
     /// formulas of the glTF appendix.
     pub multiple_scattering: bool,
+    /// How `mode: preview` draws.
+    pub preview: PreviewParams,
     /// Curve from scene-linear to display-linear.
     pub tone_mapping: ToneMapping,
     /// Exposure in stops.
@@ -88,6 +95,7 @@ impl Default for RenderParams {
             seed: 1,
             filter: Filter::default(),
             multiple_scattering: true,
+            preview: PreviewParams::default(),
             tone_mapping: ToneMapping::Aces,
             exposure: 0.0,
             output: OutputParams::default(),
@@ -103,6 +111,8 @@ pub enum Mode {
     Path,
     /// Light straight from punctual lights with hard shadows; only perfect mirrors are followed.
     Direct,
+    /// Rasterised: light straight from punctual lights and the environment, shadow maps ([`PreviewParams`]).
+    Preview,
 }
 
 /// Which engine traces.

@@ -51,7 +51,18 @@ pub fn from_json_and_query<'a>(
 }
 
 /// Objects within the parameters, besides the lights.
-const OBJECTS: [&str; 6] = ["/camera", "/camera/orbit", "/environment", "/environment/gradient", "/filter", "/output"];
+const OBJECTS: [&str; 10] = [
+    "/camera",
+    "/camera/orbit",
+    "/environment",
+    "/environment/gradient",
+    "/filter",
+    "/output",
+    "/preview",
+    "/preview/attenuation",
+    "/preview/shadows",
+    "/preview/shadows/bias",
+];
 
 /// Takes away lists in the place of objects, which serde would take for their fields in order, and notes each.
 fn take_lists(value: &mut Value) -> Vec<FieldError> {

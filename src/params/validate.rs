@@ -1,8 +1,9 @@
 //! Ranges and combinations of parameters.
 
+use super::preview;
 use super::{
-    CameraParams, EnvironmentChoice, EnvironmentParams, Filter, ImageFormat, LightParams, OrbitParams, OutputParams,
-    RenderParams,
+    CameraParams, EngineChoice, EnvironmentChoice, EnvironmentParams, Filter, ImageFormat, LightParams, Mode,
+    OrbitParams, OutputParams, RenderParams,
 };
 use glam::DVec3;
 
@@ -77,6 +78,10 @@ impl RenderParams {
             });
             check.at("filter", |check| check_filter(check, &self.filter));
             check.at("output", |check| check_output(check, &self.output));
+            check.at("preview", |check| preview::check(check, &self.preview, self.width));
+            check.require(self.mode != Mode::Preview || self.engine != EngineChoice::Cpu, "engine", || {
+                "previews are drawn by graphics drivers alone: leave it out, or ask for gpu".to_owned()
+            });
             if let Some(camera) = &self.camera {
                 check.at("camera", |check| check_camera(check, camera));
             }
@@ -135,14 +140,14 @@ impl RenderParams {
 
 /// Faults so far, and the pointer to what is being looked at.
 #[derive(Default)]
-struct Check {
+pub(super) struct Check {
     pointer: String,
     faults: Vec<FieldError>,
 }
 
 impl Check {
     /// Runs `body` one step down.
-    fn at(&mut self, name: &str, body: impl FnOnce(&mut Self)) {
+    pub fn at(&mut self, name: &str, body: impl FnOnce(&mut Self)) {
         let outer = self.pointer.len();
         if !name.starts_with('/') {
             self.pointer.push('/');
@@ -153,7 +158,7 @@ impl Check {
     }
 
     /// Notes a fault of the field `name`, or of the whole if that is empty, unless `holds`.
-    fn require(&mut self, holds: bool, name: &str, detail: impl FnOnce() -> String) {
+    pub fn require(&mut self, holds: bool, name: &str, detail: impl FnOnce() -> String) {
         if !holds {
             let slash = if name.is_empty() { "" } else { "/" };
             self.faults.push(FieldError::new(format!("{}{slash}{name}", self.pointer), detail()));
@@ -167,7 +172,7 @@ impl Check {
     }
 
     /// Radiance, intensity and the like.
-    fn light(&mut self, values: &[f32], name: &str) {
+    pub fn light(&mut self, values: &[f32], name: &str) {
         self.require(values.iter().all(|&value| value >= 0.0 && value.is_finite()), name, || {
             "must be finite and not negative".to_owned()
         });

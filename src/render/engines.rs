@@ -5,7 +5,7 @@ use super::gpu::{GpuEngine, has_hardware_adapter};
 use super::reach::without_unseen_environment;
 use super::{Engine, Render, RenderError, Work};
 use crate::film::Film;
-use crate::params::EngineChoice;
+use crate::params::{EngineChoice, Mode};
 
 /// Hands each render to the engine that its settings ask for.
 pub struct Engines {
@@ -46,6 +46,8 @@ impl Default for Engines {
 impl Engine for Engines {
     fn begin(&mut self, work: Work, film: Option<Film>) -> Result<Box<dyn Render>, RenderError> {
         let choice = match work.settings.engine {
+            // Rasterised by the driver, also where it has no hardware.
+            _ if work.settings.mode == Mode::Preview => EngineChoice::Gpu,
             EngineChoice::Auto => self.automatic,
             given => given,
         };

@@ -8,6 +8,7 @@ pub mod gpu;
 pub mod layer_albedo;
 mod plan;
 pub mod prepare;
+mod preview;
 pub mod reach;
 pub mod report;
 pub mod schedule;
@@ -19,7 +20,7 @@ pub use engines::Engines;
 
 use crate::compile::{CompiledScene, Features, Lighting, View};
 use crate::film::Film;
-use crate::params::{EngineChoice, Mode};
+use crate::params::{EngineChoice, Mode, PreviewParams};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -61,6 +62,8 @@ pub struct Settings {
     pub target_error: Option<f64>,
     /// Tracing time to stop at.
     pub deadline: Option<Duration>,
+    /// How a preview is drawn.
+    pub preview: PreviewParams,
 }
 
 /// How light is looked for. Every choice gives the same picture but for noise: requests take the default, the others are there

@@ -3,7 +3,7 @@
 use super::{DeviceInfo, Engine, NonFinite, RenderError, Settings, StopReason, Strategy, Work};
 use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Features, Hdri, Lighting};
 use crate::film::Film;
-use crate::params::RenderParams;
+use crate::params::{Mode, RenderParams};
 use crate::scene::{Scene, Warning};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -41,8 +41,12 @@ pub fn prepare(
     let mut warnings = scene.warnings.clone();
     warnings.extend(blackness(&compiled, &lighting, features.unlit));
     warnings.extend(beyond_glass(&features));
+    let mut biases = params.biases();
+    if params.mode == Mode::Preview && features.extended {
+        biases.push("mode preview: extensions of materials (glass, coats, sheen, ...) are left out".to_owned());
+    }
     let work = Work { scene: compiled, lighting: Arc::new(lighting), view, features, settings: Settings::from(params) };
-    Ok(Prepared { work, defaults, biases: params.biases(), warnings })
+    Ok(Prepared { work, defaults, biases, warnings })
 }
 
 /// Why the picture must be black, or has nothing but its background in it.
@@ -76,6 +80,7 @@ fn beyond_glass(features: &Features) -> Option<Warning> {
 
 impl From<&RenderParams> for Settings {
     fn from(params: &RenderParams) -> Self {
+        let is_preview = params.mode == Mode::Preview;
         Self {
             engine: params.engine,
             mode: params.mode,
@@ -83,10 +88,11 @@ impl From<&RenderParams> for Settings {
             max_bounces: params.max_bounces,
             multiple_scattering: params.multiple_scattering,
             seed: params.seed,
-            max_samples: params.max_samples,
-            adaptive: params.adaptive,
-            target_error: params.target_error,
+            max_samples: if is_preview { params.preview.samples } else { params.max_samples },
+            adaptive: params.adaptive && !is_preview,
+            target_error: params.target_error.filter(|_| !is_preview),
             deadline: params.deadline_ms.map(Duration::from_millis),
+            preview: params.preview,
         }
     }
 }

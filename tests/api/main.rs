@@ -10,6 +10,7 @@ mod faults;
 mod hostile;
 mod jobs;
 mod pages;
+mod preview;
 mod queue;
 mod refusals;
 mod render;

@@ -8,5 +8,6 @@ mod direct;
 mod invariance;
 mod materials;
 mod parts;
+mod preview;
 mod stability;
 mod third_party;

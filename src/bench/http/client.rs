@@ -107,7 +107,8 @@ impl Reply {
         Ok(bytes)
     }
 
-    fn json(self) -> Result<Value> {
+    /// The rest of the reply, which must be JSON.
+    pub fn json(self) -> Result<Value> {
         Ok(serde_json::from_slice(&self.bytes()?)?)
     }
 

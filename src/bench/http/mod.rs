@@ -1,10 +1,10 @@
 //! The service over real HTTP, in this process, on a free port of this machine: from the request to the first picture
 //! and to the last; and what it does under load.
 
-mod client;
-mod latency;
+pub(super) mod client;
+pub(super) mod latency;
 mod load;
-mod server;
+pub(super) mod server;
 
 use crate::render::gpu::GpuEngine;
 use anyhow::Result;

@@ -242,7 +242,7 @@ impl Integrator {
     fn direct_light(&self, vertex: &Vertex, sampler: &Sampler) -> DVec3 {
         let ambient = match self.work.settings.mode {
             Mode::Direct => self.work.lighting.environment.ambient.as_dvec3() * vertex.bsdf.albedo(),
-            Mode::Path => DVec3::ZERO,
+            Mode::Path | Mode::Preview => DVec3::ZERO,
         };
         let Some(light) = self.light_sample(vertex, sampler) else { return ambient };
         let above = light.direction.dot(vertex.surface.geometric_normal);

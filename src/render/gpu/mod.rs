@@ -6,18 +6,20 @@
 mod bindings;
 mod device;
 pub mod layout;
-mod pipeline;
+pub(in crate::render) mod pipeline;
 mod probe;
-mod render;
-mod resources;
+pub(in crate::render) mod render;
+pub(in crate::render) mod resources;
 
 pub use device::{Gpu, has_hardware_adapter};
 pub use pipeline::PATHTRACE_WGSL;
 pub use probe::Probe;
 pub use render::GpuRender;
 
+use super::preview::{PreviewRender, Previews};
 use super::{DeviceInfo, Engine, Render, RenderError, Work};
 use crate::film::Film;
+use crate::params::Mode;
 use pipeline::Pipelines;
 use resources::Resources;
 use std::sync::Arc;
@@ -27,6 +29,7 @@ pub struct GpuEngine {
     gpu: Arc<Gpu>,
     pipelines: Pipelines,
     resources: Resources,
+    previews: Previews,
 }
 
 impl GpuEngine {
@@ -38,7 +41,8 @@ impl GpuEngine {
         let gpu = Arc::new(Gpu::new()?);
         let pipelines = Pipelines::new(&gpu);
         let resources = Resources::new(&gpu);
-        Ok(Self { gpu, pipelines, resources })
+        let previews = Previews::new(&gpu);
+        Ok(Self { gpu, pipelines, resources, previews })
     }
 
     /// What traces.
@@ -54,6 +58,11 @@ impl GpuEngine {
 
 impl Engine for GpuEngine {
     fn begin(&mut self, work: Work, film: Option<Film>) -> Result<Box<dyn Render>, RenderError> {
+        if work.settings.mode == Mode::Preview {
+            let render = PreviewRender::new(&self.gpu, &mut self.previews, &mut self.resources, &work)?;
+            self.gpu.fault()?;
+            return Ok(Box::new(render));
+        }
         let pipeline = self.pipelines.get(&self.gpu, &work);
         let scene = self.resources.scene(&self.gpu, &work.scene)?;
         let environment = self.resources.environment(&self.gpu, &work.lighting.environment)?;

@@ -19,17 +19,18 @@ const REGISTERS: u32 = 12;
 
 /// What a pipeline is specialised by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-struct Variant {
+pub(in crate::render) struct Variant {
     features: Features,
     direct: bool,
     multiple_scattering: bool,
     strategy: Strategy,
     /// Entries of the stack in memory; 1: it is in registers.
-    stack: u32,
+    pub stack: u32,
 }
 
 impl Variant {
-    fn of(gpu: &Gpu, work: &Work) -> Self {
+    /// What the picture of some work needs on a device.
+    pub fn of(gpu: &Gpu, work: &Work) -> Self {
         Self {
             features: work.features,
             direct: work.settings.mode == Mode::Direct,
@@ -99,10 +100,18 @@ pub fn probe(
         bind_group_layouts: &groups.map(Some),
         immediate_size: 0,
     });
-    // A kernel declares what its functions ask for; to set others is an error.
-    let declared = |(name, _): &(&str, f64)| wgsl.contains(&format!("override {name}:"));
-    let constants: Vec<_> = constants(variant).into_iter().filter(declared).collect();
-    create_pipeline(gpu, &layout, &compile_module(gpu, wgsl, variant.stack), entry, &constants)
+    create_pipeline(
+        gpu,
+        &layout,
+        &compile_module(gpu, wgsl, variant.stack),
+        entry,
+        &declared(wgsl, &constants(variant)),
+    )
+}
+
+/// Those constants that a source declares, for its functions ask for them; to set others is an error.
+pub(in crate::render) fn declared<'a>(wgsl: &str, constants: &[(&'a str, f64)]) -> Vec<(&'a str, f64)> {
+    constants.iter().copied().filter(|(name, _)| wgsl.contains(&format!("override {name}:"))).collect()
 }
 
 fn create_pipeline(
@@ -122,7 +131,8 @@ fn create_pipeline(
     })
 }
 
-fn compile_module(gpu: &Gpu, wgsl: &str, stack: u32) -> wgpu::ShaderModule {
+/// The module of a source, its stack sized.
+pub(in crate::render) fn compile_module(gpu: &Gpu, wgsl: &str, stack: u32) -> wgpu::ShaderModule {
     let source = wgsl.replace(STACK_LINE, &format!("const STACK_SIZE: u32 = {stack}u;"));
     gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("pathtrace"),
@@ -131,7 +141,7 @@ fn compile_module(gpu: &Gpu, wgsl: &str, stack: u32) -> wgpu::ShaderModule {
 }
 
 /// Values of the override constants of `shaders/lib/features.wesl`.
-fn constants(variant: Variant) -> [(&'static str, f64); 34] {
+pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 34] {
     let f = variant.features;
     let flag = |value: bool| f64::from(u8::from(value));
     [

@@ -224,16 +224,16 @@ impl Render for GpuRender {
     }
 }
 
-pub(super) fn uniform(gpu: &Gpu, label: &str, contents: &[u8]) -> wgpu::Buffer {
+pub(in crate::render) fn uniform(gpu: &Gpu, label: &str, contents: &[u8]) -> wgpu::Buffer {
     let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
     gpu.device.create_buffer_init(&BufferInitDescriptor { label: Some(label), contents, usage })
 }
 
-pub(super) fn buffer(gpu: &Gpu, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+pub(in crate::render) fn buffer(gpu: &Gpu, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     gpu.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
 }
 
-pub(super) fn create_texture(
+pub(in crate::render) fn create_texture(
     gpu: &Gpu,
     label: &str,
     (width, height): (u32, u32),

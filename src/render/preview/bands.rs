@@ -1,0 +1,71 @@
+//! How many rows to light at a time, so that another job, a cancel or a watchdog need not wait for a heavy picture.
+
+use super::lights::PreviewLights;
+use crate::params::ShadowAlgorithm;
+use crate::render::Work;
+use std::time::Duration;
+
+/// What a band should take: a usual picture is one.
+const TARGET: Duration = Duration::from_millis(100);
+/// Lights and shadow tests of the first band, at most, before anything has been measured.
+const FIRST: f64 = (1 << 24) as f64;
+
+/// Rows of the next band.
+#[derive(Debug, Clone, Copy)]
+pub struct Bands {
+    rows: f64,
+    height: f64,
+}
+
+impl Bands {
+    /// From the most that each pixel could cost.
+    pub fn new(work: &Work, lights: &PreviewLights) -> Self {
+        let shadows = &work.settings.preview.shadows;
+        let tests = match shadows.algorithm {
+            ShadowAlgorithm::None => 0,
+            ShadowAlgorithm::Basic => 1,
+            ShadowAlgorithm::Pcf | ShadowAlgorithm::Noise | ShadowAlgorithm::Ray => shadows.taps,
+            ShadowAlgorithm::Pcss | ShadowAlgorithm::PcssNoise => 2 * shadows.taps,
+        };
+        let casting = lights.lights.iter().filter(|light| light.face_count > 0).count();
+        let per_pixel = 1.0 + lights.lights.len() as f64 + casting as f64 * f64::from(tests);
+        let rows = FIRST / (per_pixel * f64::from(work.view.width));
+        let height = f64::from(work.view.height);
+        Self { rows: rows.clamp(1.0, height), height }
+    }
+
+    /// At least one.
+    pub fn rows(self) -> u32 {
+        self.rows as u32
+    }
+
+    /// From a band that took so long: towards the target time, at most four times more or less at once.
+    pub fn learn(&mut self, rows: u32, elapsed: Duration) {
+        let ideal = f64::from(rows) * TARGET.as_secs_f64() / elapsed.as_secs_f64().max(1e-6);
+        // A picture in one band stays in one: what all bands share was part of its time.
+        let least = if f64::from(rows) >= self.height && elapsed < 4 * TARGET { self.height } else { 1.0 };
+        self.rows = ideal.clamp(self.rows / 4.0, self.rows * 4.0).clamp(least, self.height);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_grow_and_shrink_towards_the_target() {
+        let mut bands = Bands { rows: 10.0, height: 1000.0 };
+        bands.learn(10, TARGET / 2);
+        assert_eq!(bands.rows(), 20);
+        bands.learn(20, TARGET / 100);
+        assert_eq!(bands.rows(), 80);
+        bands.learn(80, 1000 * TARGET);
+        assert_eq!(bands.rows(), 20);
+        let mut tiny = Bands { rows: 1.0, height: 1000.0 };
+        tiny.learn(1, 100 * TARGET);
+        assert_eq!(tiny.rows(), 1);
+        let mut whole = Bands { rows: 1000.0, height: 1000.0 };
+        whole.learn(1000, 3 * TARGET);
+        assert_eq!(whole.rows(), 1000);
+    }
+}
