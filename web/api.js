@@ -72,6 +72,19 @@ export async function fetchResult(id, type = "image/png") {
   return (await ask(`/v1/jobs/${id}/result`, { headers: { accept: type } })).blob();
 }
 
+/** Renders a picture beside all others, and answers it as a Blob. */
+export async function renderOnce(scene, params) {
+  const { id } = await createJob(scene, params);
+  await new Promise((resolve, reject) => {
+    followJob(id, (name, data) => {
+      if (name === "completed") resolve();
+      if (name === "failed") reject(new Problem(data));
+      if (name === "cancelled" || name === "lost") reject(new Problem({ title: "The connection to the job was lost" }));
+    });
+  });
+  return fetchResult(id);
+}
+
 const JOB_EVENTS = ["started", "progress", "preview", "completed", "failed", "cancelled"];
 const LAST_EVENTS = ["completed", "failed", "cancelled"];
 

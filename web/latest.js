@@ -8,7 +8,7 @@ const DRAFT_PRIORITY = 50;
 /**
  * `show` is told what happens: `picture(blob)` for every picture worth showing (it may answer a promise), and of the
  * full-quality job `accepted()`, `started({device})`, `progress(progress)`, `done(id, report, blob)`, `cancelled()`,
- * `failed(problem)` and `busy(seconds)`.
+ * `failed(problem)` and `busy(seconds)`; of a draft only `draftFailed(problem)`.
  */
 export class LatestJob {
   #show;
@@ -133,6 +133,7 @@ export class LatestJob {
       wish.retry = setTimeout(() => this.#post(wish), seconds * 1000);
       return;
     }
+    if (wish.draft) this.#show.draftFailed(problem);
     this.#end(wish, () => this.#show.failed(problem));
   }
 

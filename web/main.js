@@ -1,12 +1,13 @@
 // The controller: holds what the widgets show, and asks for a picture whenever it changes.
 
-import { fetchResult, uploadImage, uploadScene } from "./api.js";
+import { fetchResult, renderOnce, uploadImage, uploadScene } from "./api.js";
 import { curlCommand } from "./curl.js";
 import { DEMO_ENVIRONMENT, demoFile } from "./demo.js";
 import { LatestJob } from "./latest.js";
 import { Orbit } from "./math/orbit.js";
-import { START, draftParams, requestParams } from "./params.js";
+import { START, draftParams, previewParams, requestParams } from "./params.js";
 import { CameraPanel } from "./ui/camera-panel.js";
+import { Comparison } from "./ui/comparison.js";
 import { DropZone, modelFirst } from "./ui/drop-zone.js";
 import { EnvironmentPanel } from "./ui/environment-panel.js";
 import { ExportBar, save } from "./ui/export-bar.js";
@@ -46,14 +47,16 @@ class Controller {
       (live) => this.#changed(live),
       (file) => this.#openHdri(file),
     );
-    for (const panel of ["look", "quality", "picture"]) {
+    for (const panel of ["look", "quality", "preview", "picture"]) {
       new SettingsPanel(byId(panel), panel, START, (changes, live) => this.#set(changes, live));
     }
     this.exports = new ExportBar(byId("exports"), {
       png: () => save(this.finished.blob, `${this.#stem()}.png`),
       exr: () => this.#saveExr(),
+      compare: () => this.#compare(),
       curl: () => this.#curl(),
     });
+    this.comparison = new Comparison(byId("comparison"));
     new DropZone(document.body, [byId("choose-files"), byId("choose-folder")], (files) => this.#drop(files));
     byId("save-model").addEventListener("click", () => save(this.files[0].file, this.files[0].path));
     window.addEventListener("pagehide", () => this.job.cancel());
@@ -161,7 +164,7 @@ class Controller {
       this.job.final(this.scene.id, this.#params());
       return;
     }
-    this.job.draft(this.scene.id, draftParams(this.#params()));
+    this.job.draft(this.scene.id, draftParams(this.#params(), this.settings));
     this.status.say("Draft");
     this.#rest = setTimeout(() => this.#changed(false), REST_MS);
   }
@@ -184,6 +187,8 @@ class Controller {
       done: (id, report, blob) => this.#done(id, report, blob),
       cancelled: () => this.status.say("Cancelled"),
       failed: (problem) => this.#failed(problem),
+      // Perhaps there is no graphics driver to draw previews with; what is traced needs none.
+      draftFailed: () => this.#traceDrafts(),
       busy: (seconds) => this.status.say(`The server is busy: trying again in ${seconds} s`, { busy: true }),
     };
   }
@@ -223,6 +228,16 @@ class Controller {
     } catch (problem) {
       goBack(problem);
     }
+  }
+
+  #traceDrafts() {
+    this.settings = { ...this.settings, moving: "traced" };
+    document.querySelector("[data-setting=moving] select").value = "traced";
+  }
+
+  #compare() {
+    const params = previewParams(this.#params(), this.settings);
+    this.comparison.open(this.finished.blob, renderOnce(this.scene.id, params));
   }
 
   #stem() {

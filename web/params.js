@@ -17,8 +17,36 @@ export const DEFAULTS = {
   exposure: 0,
 };
 
-/** What the page starts with. */
-export const START = { ...DEFAULTS, width: 960, height: 600, max_samples: 32, transparent: false };
+/** Those of the rasterised preview, by their path in a request. */
+const PREVIEW_DEFAULTS = {
+  "preview.path": "deferred",
+  "preview.shading": "pbr",
+  "preview.shininess": 32,
+  "preview.specular": 0.5,
+  "preview.attenuation.kind": "physical",
+  "preview.spot_edge": "light",
+  "preview.shadows.algorithm": "pcf",
+  "preview.shadows.max_lights": 4,
+  "preview.shadows.taps": 9,
+  "preview.shadows.map_size": 1024,
+  "preview.shadows.light_size": 0,
+  "preview.shadows.bias.constant": 0.5,
+  "preview.shadows.bias.slope": 1,
+  "preview.shadows.bias.normal": 0,
+  "preview.gizmos": false,
+  "preview.samples": 1,
+};
+
+/** What the page starts with. `moving`: what is shown while the hand moves, `preview` or `traced`. */
+export const START = {
+  ...DEFAULTS,
+  ...PREVIEW_DEFAULTS,
+  width: 960,
+  height: 600,
+  max_samples: 32,
+  transparent: false,
+  moving: "preview",
+};
 
 /** Fields that each kind of light has, with the API's defaults (`undefined`: always sent). */
 const LIGHT_FIELDS = {
@@ -70,6 +98,19 @@ function cameraParams(camera) {
   return { ...view, ...different(camera, { aperture_radius: 0, focus_distance: null }) };
 }
 
+/** `{"a.b": 1}` as `{a: {b: 1}}`. */
+function nested(flat) {
+  const root = {};
+  for (const [path, value] of Object.entries(flat)) {
+    const names = path.split(".");
+    const last = names.pop();
+    let at = root;
+    for (const name of names) at = at[name] ??= {};
+    at[last] = value;
+  }
+  return root;
+}
+
 /** The request's `params`. `settings` as START, `camera`, `lights` and `environment` as their panels hold them. */
 export function requestParams({ settings, camera, lights, environment }) {
   const params = different(settings, DEFAULTS);
@@ -79,18 +120,24 @@ export function requestParams({ settings, camera, lights, environment }) {
   const sky = environmentParams(environment);
   if (sky !== undefined) params.environment = sky;
   if (settings.transparent) params.output = { transparent: true };
-  return params;
+  return settings.mode === "preview" ? previewParams(params, settings) : params;
 }
 
-const DRAFT_WIDTH = 320;
+/** The same picture as the rasteriser draws it. */
+export function previewParams(params, settings) {
+  const { mode: _, ...others } = params;
+  return { ...others, mode: "preview", ...nested(different(settings, PREVIEW_DEFAULTS)) };
+}
+
+const DRAFT_WIDTH = { preview: 512, traced: 320 };
 const DRAFT_SAMPLES = 4;
 const DRAFT_MS = 300;
 
 /** The same picture, small and quick, for the time that a hand moves. */
-export function draftParams(params) {
+export function draftParams(params, settings) {
   const { width = DEFAULTS.width, height = DEFAULTS.height } = params;
-  const shrink = Math.min(1, DRAFT_WIDTH / width);
-  return {
+  const shrink = Math.min(1, DRAFT_WIDTH[settings.moving] / width);
+  const small = {
     ...params,
     width: Math.max(1, Math.round(width * shrink)),
     height: Math.max(1, Math.round(height * shrink)),
@@ -98,4 +145,5 @@ export function draftParams(params) {
     deadline_ms: DRAFT_MS,
     target_error: null,
   };
+  return settings.moving === "preview" ? previewParams(small, { ...settings, "preview.samples": 1 }) : small;
 }

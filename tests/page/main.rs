@@ -46,6 +46,7 @@ fn a_visitor_goes_from_a_dropped_model_to_a_picture_and_its_command() {
     the_model_is_rendered(&mut page);
     a_light_changes_the_picture(&mut page);
     the_camera_turns(&mut page);
+    previews_are_drawn_and_compared(&mut page);
     a_render_can_be_cancelled(&mut page);
     the_command_makes_the_same_picture(&mut page, folder.path());
     it_fits_a_phone(&mut page);
@@ -120,6 +121,26 @@ fn the_camera_turns(page: &mut Browser) {
     differs_after(page, "a pinch");
 }
 
+fn previews_are_drawn_and_compared(page: &mut Browser) {
+    let measured = text(page, "document.querySelector('.convergence svg').ariaLabel");
+    assert!(measured.starts_with("Error"), "the error is plotted: {measured}");
+    let traced = pixels(page);
+    click(page, ".compare");
+    page.wait_for("document.querySelector('#comparison [role=status]').textContent.startsWith('They differ')");
+    page.screenshot("comparison");
+    click(page, "#comparison .close");
+    choose_option(page, "[data-setting=mode] select", "preview");
+    wait_until_done(page);
+    let rasterised = pixels(page);
+    let apart = difference(&traced, &rasterised);
+    assert!(apart > CHANGED / 10.0 && apart < 40.0, "the preview is another picture of the same: {apart}");
+    choose_option(page, "[data-setting=\"preview.shadows.algorithm\"] select", "none");
+    wait_until_done(page);
+    assert!(difference(&rasterised, &pixels(page)) > 0.0, "without shadows it is another");
+    choose_option(page, "[data-setting=mode] select", "path");
+    wait_until_done(page);
+}
+
 fn a_render_can_be_cancelled(page: &mut Browser) {
     set(page, "max_samples", 1_000_000);
     page.wait_for("!document.querySelector('.cancel').disabled");
@@ -133,10 +154,10 @@ fn a_render_can_be_cancelled(page: &mut Browser) {
 fn the_command_makes_the_same_picture(page: &mut Browser, folder: &Path) {
     let shown = pixels(page);
     click(page, ".curl");
-    page.wait_for("document.querySelector('dialog').open");
+    page.wait_for("document.querySelector('.curl-dialog').open");
     page.screenshot("curl");
-    let command = text(page, "document.querySelector('dialog textarea').value");
-    click(page, "dialog .close");
+    let command = text(page, "document.querySelector('.curl-dialog textarea').value");
+    click(page, ".curl-dialog .close");
     let json = command.split_once("params=").and_then(|(_, rest)| rest.split_once('\'')).map(|(json, _)| json);
     let params: RenderParams = serde_json::from_str(json.expect("the parameters are quoted")).expect("they parse");
     assert_eq!((params.width, params.height, params.max_samples), (WIDTH, HEIGHT, SAMPLES));

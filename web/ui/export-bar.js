@@ -12,10 +12,13 @@ export function save(blob, name) {
 }
 
 export class ExportBar {
-  /** `element` holds the buttons `.png`, `.exr`, `.curl`, and the `dialog` with the command; `take`: `png()`, `exr()`, `curl()`. */
+  /** `element` holds the buttons `.png`, `.exr`, `.compare`, `.curl`, and the `dialog` with the command; `take`: a function by each name. */
   constructor(element, take) {
-    this.buttons = ["png", "exr"].map((name) => element.querySelector(`.${name}`));
-    this.buttons.forEach((button, i) => button.addEventListener("click", [take.png, take.exr][i]));
+    this.buttons = ["png", "exr", "compare"].map((name) => {
+      const button = element.querySelector(`.${name}`);
+      button.addEventListener("click", take[name]);
+      return button;
+    });
     this.curlButton = element.querySelector(".curl");
     this.dialog = element.querySelector("dialog");
     this.text = this.dialog.querySelector("textarea");

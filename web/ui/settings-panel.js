@@ -12,8 +12,43 @@ const CURVES = [
 const MODES = [
   ["path", "Path (all light)"],
   ["direct", "Direct (hard shadows)"],
+  ["preview", "Preview (rasterised)"],
+];
+const MOVING = [
+  ["preview", "Preview"],
+  ["traced", "Few traced samples"],
+];
+const SHADINGS = [
+  ["pbr", "Physically based"],
+  ["lambert", "Lambert"],
+  ["phong", "Phong"],
+  ["blinn_phong", "Blinn-Phong"],
+];
+const SHADOWS = [
+  ["none", "None"],
+  ["basic", "One tap"],
+  ["pcf", "PCF"],
+  ["noise", "Noise"],
+  ["pcss", "PCSS"],
+  ["pcss_noise", "PCSS, noise"],
+  ["ray", "Rays"],
+];
+const FALLOFFS = [
+  ["physical", "Physical"],
+  ["polynomial", "1 / (1 + 0.7 d + 1.8 d²)"],
+  ["range", "1 − d / range"],
+];
+const SPOT_EDGES = [
+  ["light", "As the light says"],
+  ["linear_cosine", "Linear in the cosine"],
+];
+const PATHS = [
+  ["deferred", "Deferred"],
+  ["forward", "Forward"],
 ];
 const WHOLE = { step: 1 };
+
+const BIAS = { min: 0, max: 1000, unit: "texels" };
 
 /** Per panel: setting, field class, label, options. `to` and `from` change units between field and setting. */
 const PANELS = {
@@ -40,6 +75,25 @@ const PANELS = {
     ],
     ["seed", NumberField, "Seed", { min: 0, max: 4294967295, ...WHOLE }],
     ["multiple_scattering", CheckField, "Energy compensation", {}],
+  ],
+  preview: [
+    ["moving", SelectField, "While moving", { options: MOVING }],
+    ["preview.shading", SelectField, "Shading", { options: SHADINGS }],
+    ["preview.shininess", NumberField, "Shininess", { min: 1 }],
+    ["preview.specular", NumberField, "Highlight", { min: 0 }],
+    ["preview.attenuation.kind", SelectField, "Falloff", { options: FALLOFFS }],
+    ["preview.spot_edge", SelectField, "Edge of spots", { options: SPOT_EDGES }],
+    ["preview.shadows.algorithm", SelectField, "Shadows", { options: SHADOWS }],
+    ["preview.shadows.max_lights", NumberField, "Lights with shadows", { min: 0, max: 16, ...WHOLE }],
+    ["preview.shadows.taps", NumberField, "Taps", { min: 1, max: 1024, ...WHOLE }],
+    ["preview.shadows.map_size", NumberField, "Map size", { min: 16, max: 8192, ...WHOLE, unit: "texels" }],
+    ["preview.shadows.light_size", NumberField, "Size of lights", { min: 0 }],
+    ["preview.shadows.bias.constant", NumberField, "Bias", BIAS],
+    ["preview.shadows.bias.slope", NumberField, "Bias by slope", BIAS],
+    ["preview.shadows.bias.normal", NumberField, "Bias by normal", BIAS],
+    ["preview.path", SelectField, "Order", { options: PATHS }],
+    ["preview.gizmos", CheckField, "Show lights", {}],
+    ["preview.samples", NumberField, "Frames averaged", { min: 1, max: 256, ...WHOLE }],
   ],
   picture: [
     ["width", NumberField, "Width", { min: 1, ...WHOLE, unit: "px" }],

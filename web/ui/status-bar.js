@@ -1,5 +1,7 @@
 // How the render goes: a bar, the numbers, and one line of words that screen readers hear.
 
+import { ErrorPlot } from "./error-plot.js";
+
 const percent = (x) => `${(x * 100).toPrecision(2)} %`;
 const STOPS = { max_samples: "all samples taken", target_error: "target error reached", deadline: "time is up" };
 
@@ -19,7 +21,7 @@ export class StatusBar {
   #started = 0;
   #clock = null;
 
-  /** `element` holds `.words`, a `progress`, `.cancel` and the numbers by `data-number`. */
+  /** `element` holds `.words`, a `progress`, `.cancel`, the numbers by `data-number` and the plot in `.convergence`. */
   constructor(element, onCancel) {
     this.words = element.querySelector(".words");
     this.bar = element.querySelector("progress");
@@ -28,6 +30,7 @@ export class StatusBar {
     this.numbers = Object.fromEntries(
       [...element.querySelectorAll("[data-number]")].map((node) => [node.dataset.number, node]),
     );
+    this.plot = new ErrorPlot(element.querySelector(".convergence"));
     this.root = element;
   }
 
@@ -39,6 +42,7 @@ export class StatusBar {
 
   begin() {
     this.#started = performance.now();
+    this.plot.begin();
     this.#tell("Rendering");
     this.#write({ samples: "–", error: "–", time: duration(0) });
     this.#run(true, null);
@@ -48,6 +52,7 @@ export class StatusBar {
 
   progress({ fraction, samples, error, error_bound_95: bound, eta_seconds: eta }) {
     this.#write({ samples: String(samples), error: errorText(error, bound) });
+    this.plot.add((performance.now() - this.#started) / 1000, error);
     this.bar.value = fraction;
     this.bar.title = eta === null || eta === undefined ? "" : `about ${duration(eta)} left`;
   }
@@ -60,6 +65,7 @@ export class StatusBar {
   done(report) {
     const { seconds } = report;
     const time = Object.values(seconds).reduce((a, b) => a + b, 0);
+    this.plot.add(time, report.error);
     this.#run(false, 1);
     this.#tell(`Done: ${STOPS[report.stop_reason] ?? report.stop_reason}`);
     this.#write({
