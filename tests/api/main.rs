@@ -4,6 +4,7 @@
 //! adapter. What goes wrong on a device is always played by the latter.
 
 mod contract;
+mod durable;
 mod engine;
 mod events;
 mod faults;
