@@ -3,6 +3,7 @@
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 
@@ -77,6 +78,8 @@ pub struct Event {
 pub struct EventLog {
     entries: Mutex<Entries>,
     published: watch::Sender<u64>,
+    /// The ledger takes no more: nothing will be published any more.
+    is_closed: AtomicBool,
     audience: Arc<()>,
 }
 
@@ -90,7 +93,12 @@ impl EventLog {
     /// A log of events that have been published, of which the newest had this id.
     pub fn new(events: impl IntoIterator<Item = Event>, newest: u64) -> Self {
         let entries = Entries { events: events.into_iter().collect(), newest };
-        Self { entries: Mutex::new(entries), published: watch::Sender::new(newest), audience: Arc::new(()) }
+        Self {
+            entries: Mutex::new(entries),
+            published: watch::Sender::new(newest),
+            is_closed: AtomicBool::new(false),
+            audience: Arc::new(()),
+        }
     }
 
     /// Appends an event, which nobody hears of yet.
@@ -114,11 +122,18 @@ impl EventLog {
         });
     }
 
-    /// Waits until all events so far are published.
+    /// Ends all waiting: what has not been published will not be.
+    pub fn close(&self) {
+        self.is_closed.store(true, Ordering::Release);
+        self.published.send_modify(|_| {});
+    }
+
+    /// Waits until all events so far are published, or the log is closed.
     pub async fn settled(&self) {
         let newest = self.lock().newest;
+        let is_settled = |published: &u64| *published >= newest || self.is_closed.load(Ordering::Acquire);
         // The sender lives in `self`, so this cannot fail.
-        let _ = self.published.subscribe().wait_for(|published| *published >= newest).await;
+        let _ = self.published.subscribe().wait_for(is_settled).await;
     }
 
     /// Published events after a given id, oldest first.
@@ -177,6 +192,15 @@ mod tests {
         assert!(log.after(0).is_empty());
         log.publish(1);
         assert_eq!(ids(&log.after(0)), [1]);
+    }
+
+    #[tokio::test]
+    async fn a_closed_log_keeps_nobody_waiting() {
+        let log = EventLog::new([], 0);
+        log.push(EventKind::Queued, Value::Null);
+        log.close();
+        log.settled().await;
+        assert!(log.after(0).is_empty());
     }
 
     #[test]

@@ -64,6 +64,28 @@ impl Spec {
     }
 }
 
+/// An event on its way to the ledger. If it never gets there, nobody is to wait for it.
+struct Pending {
+    id: u64,
+    log: Arc<EventLog>,
+    is_written: bool,
+}
+
+impl Pending {
+    fn written(mut self) {
+        self.is_written = true;
+        self.log.publish(self.id);
+    }
+}
+
+impl Drop for Pending {
+    fn drop(&mut self) {
+        if !self.is_written {
+            self.log.close();
+        }
+    }
+}
+
 /// A job. Its state changes only through [`Job::start`], [`Job::succeed`], [`Job::fail`], [`Job::cancel`] and
 /// [`Job::requeue`]. Each change goes to the ledger in the same order; [`Job::settled`] waits for it.
 #[derive(Debug)]
@@ -204,8 +226,8 @@ impl Job {
     /// Notes an event, which is published once the ledger has it.
     fn tell(&self, kind: EventKind, data: Value, standing: Option<Standing>) {
         let event = self.events.push(kind, data);
-        let (id, log) = (event.id, Arc::clone(&self.events));
-        self.ledger.record(Change::Event { job: self.spec.number, event, standing }, move || log.publish(id));
+        let pending = Pending { id: event.id, log: Arc::clone(&self.events), is_written: false };
+        self.ledger.record(Change::Event { job: self.spec.number, event, standing }, move || pending.written());
     }
 
     /// Notes how far the render is.

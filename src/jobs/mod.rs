@@ -159,6 +159,7 @@ impl Service {
             }),
         };
         service.resume(unfinished);
+        service.core.tidy.notify_one();
         tokio::spawn(keep_tidy(Arc::downgrade(&service.core)));
         Ok(service)
     }

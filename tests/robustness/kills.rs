@@ -18,16 +18,16 @@ const KILLS: u32 = 5;
 /// Time in which everything must have come to its end after the last kill.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// Parameters that the load is made of: from done at once to some seconds.
+/// Parameters that the load is made of: from done at once to a second or two.
 fn kinds() -> Vec<Value> {
     let kind = |width: u32, samples: u32, format: &str| json!({ "engine": "cpu", "width": width, "height": width / 2, "max_samples": samples, "output": { "format": format } });
     vec![
         kind(16, 4, "png"),
         kind(32, 64, "exr"),
         kind(64, 64, "jpeg"),
-        kind(64, 512, "png"),
-        kind(96, 1500, "webp"),
-        json!({ "engine": "cpu", "width": 64, "height": 64, "max_samples": 4000, "target_error": 0.02, "seed": 3 }),
+        kind(64, 256, "png"),
+        kind(96, 300, "webp"),
+        json!({ "engine": "cpu", "width": 48, "height": 48, "max_samples": 1000, "target_error": 0.05, "seed": 3 }),
     ]
 }
 
@@ -142,7 +142,7 @@ impl Run {
                 self.listen(&id);
                 accepted.push(Accepted { id, kind, cancelled });
             }
-            let pause = Duration::from_millis(self.dice.below(60));
+            let pause = Duration::from_millis(self.dice.below(200));
             if Instant::now() + pause >= until {
                 break;
             }

@@ -37,7 +37,8 @@ pub fn next_number(c: &Connection) -> Result<i64> {
 
 /// All jobs, oldest first.
 pub fn jobs(c: &Connection) -> Result<Vec<Restored>> {
-    let sql = "SELECT number, id, idempotency_key, created, scene, image, params, priority, client, attended, content,
+    let sql =
+        "SELECT number, jobs.id, idempotency_key, created, scene, image, params, priority, client, attended, content,
                       state, problem, record, file, f.bytes, picture, p.bytes, film, last_event
                FROM jobs LEFT JOIN blobs f ON f.id = file LEFT JOIN blobs p ON p.id = picture ORDER BY number";
     let mut query = c.prepare(sql)?;
