@@ -24,10 +24,10 @@ fn kinds() -> Vec<Value> {
     vec![
         kind(16, 4, "png"),
         kind(32, 64, "exr"),
-        kind(64, 64, "jpeg"),
-        kind(64, 256, "png"),
-        kind(96, 300, "webp"),
-        json!({ "engine": "cpu", "width": 48, "height": 48, "max_samples": 1000, "target_error": 0.05, "seed": 3 }),
+        kind(64, 32, "jpeg"),
+        kind(64, 128, "png"),
+        kind(96, 100, "webp"),
+        json!({ "engine": "cpu", "width": 48, "height": 48, "max_samples": 400, "target_error": 0.08, "seed": 3 }),
     ]
 }
 
