@@ -105,7 +105,7 @@ mod tests {
         assert_eq!((blob.id.as_str(), blob.bytes), (content_id(b"abc").as_str(), 3));
         assert_eq!(blobs.put(Bytes::from_static(b"abc")).await.unwrap(), blob);
         assert_eq!(blobs.get(&blob.id).await.unwrap(), "abc");
-        assert_eq!(blobs.list().await.unwrap(), [blob.id.clone()]);
+        assert_eq!(blobs.list().await.unwrap(), std::slice::from_ref(&blob.id));
         blobs.delete(&blob.id).await.unwrap();
         blobs.delete(&blob.id).await.unwrap();
         assert!(blobs.get(&blob.id).await.is_err());

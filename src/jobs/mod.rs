@@ -4,6 +4,7 @@
 //! its state changes only through [`Job`], as [`State`] allows. Each change goes to the [`ledger`] before any client
 //! hears of it; files lie in [`blobs`]. Without a data folder both are memory, and all else is the same.
 
+mod active;
 mod blobs;
 mod compile;
 mod describe;
@@ -17,6 +18,7 @@ mod meters;
 mod outcome;
 mod problem;
 mod progress;
+mod resume;
 mod saved;
 mod scenes;
 mod share;
@@ -25,6 +27,7 @@ mod storage;
 mod store;
 mod submit;
 mod table;
+mod tidy;
 mod worker;
 
 pub use crate::render::report::{Report, Stages};
@@ -47,7 +50,6 @@ use crate::config::Limits;
 use crate::film::Aov;
 use crate::params::{EnvironmentChoice, ImageFormat, RenderParams};
 use crate::render::RenderError;
-use ledger::Kept;
 use memory::Budget;
 use outcome::Developed;
 use saved::SavedFilm;
@@ -62,9 +64,6 @@ use worker::{Message, Shared, Worker};
 
 /// Seconds after which a client that found the queue full should try again.
 const RETRY_SECONDS: u32 = 2;
-
-/// Time between two looks for what has become too old.
-const TIDY_PERIOD: Duration = Duration::from_secs(60);
 
 /// Memory that decoding takes per pixel of an environment picture: four f32 as read, three as kept, and the sampling table.
 const HDRI_PIXEL_BYTES: u64 = 16 + 12 + 24;
@@ -160,51 +159,8 @@ impl Service {
         };
         service.resume(unfinished);
         service.core.tidy.notify_one();
-        tokio::spawn(keep_tidy(Arc::downgrade(&service.core)));
+        tokio::spawn(tidy::keep_tidy(Arc::downgrade(&service.core)));
         Ok(service)
-    }
-
-    /// Goes on with the jobs of the process before.
-    fn resume(&self, unfinished: Vec<(Arc<Job>, Option<String>)>) {
-        let count = unfinished.len();
-        for (job, film) in unfinished {
-            if job.spec.attended {
-                // The client that waited for it is gone.
-                job.cancel();
-            } else {
-                job.requeue();
-                tokio::spawn(self.clone().reopen(job, film));
-            }
-        }
-        if count > 0 {
-            tracing::info!(jobs = count, "unfinished jobs go on");
-        }
-    }
-
-    /// Reads back what a job of the process before needs.
-    async fn reopen(self, job: Arc<Job>, film: Option<String>) {
-        match self.order_again(&job).await {
-            Ok(order) => {
-                let saved = match film {
-                    Some(film) => self.core.storage.film(&film).await,
-                    None => None,
-                };
-                self.compile(job, order, saved).await;
-            }
-            Err(problem) => self.fail(&job, problem),
-        }
-    }
-
-    async fn order_again(&self, job: &Job) -> Result<Order, Problem> {
-        let spec = &job.spec;
-        let lost = |what: &str| Problem::new(Code::StorageUnavailable, format!("the {what} of this job is lost"));
-        let scene = self.read_scene(&spec.scene, true).await?.ok_or_else(|| lost("scene"))?;
-        let hdri = match &spec.image {
-            Some(image) => Some(self.read_image(image, true).await?.ok_or_else(|| lost("environment's picture"))?),
-            None => None,
-        };
-        let (params, priority) = (spec.params.clone(), spec.priority);
-        Ok(Order { scene, hdri, params, priority, stages: Stages::default() })
     }
 
     /// Bounds.
@@ -394,35 +350,6 @@ async fn start_worker(shared: Arc<Shared>, factory: EngineFactory) -> Result<mps
     });
     start.await.unwrap_or_else(|_| Err(RenderError::NoAdapter("the engine failed to start".into())))?;
     Ok(worker)
-}
-
-/// Lets go of old jobs and uploads, whenever jobs have ended and now and then besides, until the service is gone.
-async fn keep_tidy(core: std::sync::Weak<Core>) {
-    loop {
-        let Some(tidy) = core.upgrade().map(|core| Arc::clone(&core.tidy)) else { return };
-        let _ = tokio::time::timeout(TIDY_PERIOD, tidy.notified()).await;
-        let Some(core) = core.upgrade() else { return };
-        if let Ok(left) = core.storage.tidy(kept(&core.limits, core.storage.is_durable())).await {
-            core.table.forget(&left.jobs);
-            for id in &left.scenes {
-                core.scenes.remove(id);
-            }
-            for id in &left.images {
-                core.images.remove(id);
-            }
-        }
-    }
-}
-
-/// What the limits say of what is kept. Uploads that lie in memory have to be fewer.
-fn kept(limits: &Limits, is_durable: bool) -> Kept {
-    let upload_bytes = limits.kept_upload_bytes;
-    Kept {
-        jobs: limits.kept_jobs,
-        result_bytes: limits.kept_result_bytes,
-        upload_bytes: if is_durable { upload_bytes } else { upload_bytes.min(limits.stored_scene_bytes) },
-        age: i64::try_from(limits.kept_hours.saturating_mul(3_600_000)).unwrap_or(i64::MAX),
-    }
 }
 
 /// What the parameters call the picture of the environment.

@@ -104,9 +104,9 @@ codes! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Problem {
     /// Link to what the code means.
-    pub r#type: String,
+    pub r#type: Box<str>,
     /// Summary of the code.
-    pub title: Cow<'static, str>,
+    pub title: Box<str>,
     /// HTTP status.
     pub status: u16,
     /// Stable identifier.
@@ -140,7 +140,7 @@ impl Problem {
 
     fn build(code: &'static str, status: u16, title: &'static str, detail: String) -> Self {
         Self {
-            r#type: format!("/docs/errors#{code}"),
+            r#type: format!("/docs/errors#{code}").into(),
             title: title.into(),
             status,
             code: code.into(),

@@ -89,7 +89,7 @@ fn a_request_that_waited_ends_with_its_server() {
     let folder = tempfile::tempdir().unwrap();
     let id = {
         let server = keeping(folder.path());
-        let reply = std::thread::scope(|scope| {
+        std::thread::scope(|scope| {
             let path = "/v1/render?width=64&height=64&max_samples=4000000";
             let client = scope.spawn(|| server.post(path, "model/gltf-binary", &triangle()));
             while server.get("/v1/jobs").json()["items"][0]["state"] != "running" {
@@ -99,8 +99,7 @@ fn a_request_that_waited_ends_with_its_server() {
             server.stop();
             client.join().expect("a client").problem(503, "shutting_down");
             id
-        });
-        reply
+        })
     };
     assert_eq!(keeping(folder.path()).job(&id)["state"], "failed");
 }

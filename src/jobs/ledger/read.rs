@@ -122,8 +122,11 @@ pub struct SceneRow {
 /// A page of scenes by id, and whether there are more.
 pub type ScenePage = (Vec<SceneRow>, bool);
 
-/// A scene, and the blob of each of its files by name.
-pub fn scene(c: &Connection, id: &str) -> Result<Option<(SceneRow, Vec<(String, String)>)>> {
+/// A scene, and name and blob of each of its files.
+pub type SceneWithFiles = (SceneRow, Vec<(String, String)>);
+
+/// A scene of an id.
+pub fn scene(c: &Connection, id: &str) -> Result<Option<SceneWithFiles>> {
     let sql = "SELECT id, upload_bytes, deleted FROM scenes WHERE id = ?1";
     let Some(found) = c.query_row(sql, [id], scene_row).optional()? else { return Ok(None) };
     let mut query = c.prepare_cached("SELECT name, blob FROM scene_files WHERE scene = ?1")?;
