@@ -46,22 +46,17 @@ impl Service {
 
     /// A scene that clients may name; none: there is no such scene.
     pub async fn scene(&self, id: &str) -> Result<Option<Arc<StoredScene>>, Problem> {
-        if let Some(present) = self.core.scenes.get(id) {
-            return Ok(Some(present));
-        }
-        self.read_scene(id, false).await
+        if self.core.storage.offers_scene(id).await? { self.read_scene(id).await } else { Ok(None) }
     }
 
-    /// A scene from the storage; `deleted`: even if clients have been told that it is gone.
-    pub(super) async fn read_scene(&self, id: &str, deleted: bool) -> Result<Option<Arc<StoredScene>>, Problem> {
+    /// A scene, even if clients have been told that it is gone.
+    pub(super) async fn read_scene(&self, id: &str) -> Result<Option<Arc<StoredScene>>, Problem> {
         if let Some(present) = self.core.scenes.get(id) {
             return Ok(Some(present));
         }
         match self.core.storage.scene(id).await? {
-            Some(found) if deleted || !found.row.deleted => {
-                Ok(Some(self.import(found.files, found.row.upload_bytes).await?.0))
-            }
-            _ => Ok(None),
+            Some(found) => Ok(Some(self.import(found.files, found.row.upload_bytes).await?.0)),
+            None => Ok(None),
         }
     }
 
@@ -108,17 +103,14 @@ impl Service {
 
     /// An image that clients may name; none: there is no such image.
     pub async fn image(&self, id: &str) -> Result<Option<Arc<StoredImage>>, Problem> {
-        self.read_image(id, false).await
+        if self.core.storage.offers_image(id).await? { self.read_image(id).await.map(Some) } else { Ok(None) }
     }
 
-    /// An image; `deleted`: even if clients have been told that it is gone.
-    pub(super) async fn read_image(&self, id: &str, deleted: bool) -> Result<Option<Arc<StoredImage>>, Problem> {
-        if let Some(present) = self.core.images.get(id) {
-            return Ok(Some(present));
-        }
-        match self.core.storage.image(id).await? {
-            Some((bytes, gone)) if deleted || !gone => self.decode(bytes, "/image").await.map(Some),
-            _ => Ok(None),
+    /// An image that must be there, even if clients have been told that it is gone.
+    pub(super) async fn read_image(&self, id: &str) -> Result<Arc<StoredImage>, Problem> {
+        match self.core.images.get(id) {
+            Some(present) => Ok(present),
+            None => self.decode(self.core.storage.get(id).await?, "/image").await,
         }
     }
 

@@ -39,10 +39,10 @@ impl Service {
 
     async fn order_again(&self, job: &Job) -> Result<Order, Problem> {
         let spec = &job.spec;
-        let lost = |what: &str| Problem::new(Code::StorageUnavailable, format!("the {what} of this job is lost"));
-        let scene = self.read_scene(&spec.scene, true).await?.ok_or_else(|| lost("scene"))?;
+        let lost = || Problem::new(Code::StorageUnavailable, "the scene of this job is lost");
+        let scene = self.read_scene(&spec.scene).await?.ok_or_else(lost)?;
         let hdri = match &spec.image {
-            Some(image) => Some(self.read_image(image, true).await?.ok_or_else(|| lost("environment's picture"))?),
+            Some(image) => Some(self.read_image(image).await?),
             None => None,
         };
         let (params, priority) = (spec.params.clone(), spec.priority);

@@ -4,7 +4,7 @@
 use super::blobs::{BlobError, BlobRef, Blobs};
 use super::job::Job;
 use super::ledger::{Change, Kept, Leaving, Ledger, LedgerError, Restored, ScenePage, SceneRow};
-use super::ledger::{audit, image_deleted, jobs, known_blobs, next_number, scene, scenes, unused_blobs};
+use super::ledger::{audit, jobs, known_blobs, next_number, offers_image, offers_scene, scene, scenes, unused_blobs};
 use super::outcome::{Developed, Outcome, Record};
 use super::problem::{Code, Problem};
 use super::saved::SavedFilm;
@@ -143,14 +143,16 @@ impl Storage {
         self.ledger.ask(move |c| scenes(c, &after, count)).await.map_err(|error| fault(&error))
     }
 
-    /// An image's bytes, and whether it is deleted.
-    pub async fn image(&self, id: &str) -> Result<Option<(Bytes, bool)>, Problem> {
-        let wanted = id.to_owned();
-        let deleted = self.ledger.ask(move |c| image_deleted(c, &wanted)).await.map_err(|error| fault(&error))?;
-        match deleted {
-            Some(deleted) => Ok(Some((self.get(id).await?, deleted))),
-            None => Ok(None),
-        }
+    /// Whether there is a scene that clients may name.
+    pub async fn offers_scene(&self, id: &str) -> Result<bool, Problem> {
+        let id = id.to_owned();
+        self.ledger.ask(move |c| offers_scene(c, &id)).await.map_err(|error| fault(&error))
+    }
+
+    /// Whether there is an image that clients may name.
+    pub async fn offers_image(&self, id: &str) -> Result<bool, Problem> {
+        let id = id.to_owned();
+        self.ledger.ask(move |c| offers_image(c, &id)).await.map_err(|error| fault(&error))
     }
 
     /// Deletes a scene or an image as far as clients see; false if there is none.

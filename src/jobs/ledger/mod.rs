@@ -9,7 +9,7 @@ mod schema;
 
 pub use audit::audit;
 pub use change::{Change, Standing};
-pub use read::{Restored, ScenePage, SceneRow, image_deleted, jobs, next_number, scene, scenes};
+pub use read::{Restored, ScenePage, SceneRow, jobs, next_number, offers_image, offers_scene, scene, scenes};
 pub use retention::{Kept, Leaving, known_blobs, unused_blobs};
 
 use rusqlite::{Connection, ErrorCode};

@@ -115,8 +115,6 @@ pub struct SceneRow {
     pub id: String,
     /// Bytes of the upload.
     pub upload_bytes: u64,
-    /// Whether clients have been told that it is gone.
-    pub deleted: bool,
 }
 
 /// A page of scenes by id, and whether there are more.
@@ -127,7 +125,7 @@ pub type SceneWithFiles = (SceneRow, Vec<(String, String)>);
 
 /// A scene of an id.
 pub fn scene(c: &Connection, id: &str) -> Result<Option<SceneWithFiles>> {
-    let sql = "SELECT id, upload_bytes, deleted FROM scenes WHERE id = ?1";
+    let sql = "SELECT id, upload_bytes FROM scenes WHERE id = ?1";
     let Some(found) = c.query_row(sql, [id], scene_row).optional()? else { return Ok(None) };
     let mut query = c.prepare_cached("SELECT name, blob FROM scene_files WHERE scene = ?1")?;
     let files = query.query_map([id], |row| Ok((row.get(0)?, row.get(1)?)))?.collect::<Result<_>>()?;
@@ -136,7 +134,7 @@ pub fn scene(c: &Connection, id: &str) -> Result<Option<SceneWithFiles>> {
 
 /// Up to `count` scenes with ids after `after`.
 pub fn scenes(c: &Connection, after: &str, count: usize) -> Result<ScenePage> {
-    let sql = "SELECT id, upload_bytes, deleted FROM scenes WHERE id > ?1 AND NOT deleted ORDER BY id LIMIT ?2";
+    let sql = "SELECT id, upload_bytes FROM scenes WHERE id > ?1 AND NOT deleted ORDER BY id LIMIT ?2";
     let mut query = c.prepare_cached(sql)?;
     let mut rows = query.query_map((after, count as i64 + 1), scene_row)?.collect::<Result<Vec<_>>>()?;
     let more = rows.len() > count;
@@ -145,10 +143,15 @@ pub fn scenes(c: &Connection, after: &str, count: usize) -> Result<ScenePage> {
 }
 
 fn scene_row(row: &Row) -> Result<SceneRow> {
-    Ok(SceneRow { id: row.get(0)?, upload_bytes: row.get::<_, i64>(1)? as u64, deleted: row.get(2)? })
+    Ok(SceneRow { id: row.get(0)?, upload_bytes: row.get::<_, i64>(1)? as u64 })
 }
 
-/// Whether clients have been told that an image is gone; none: there is none.
-pub fn image_deleted(c: &Connection, id: &str) -> Result<Option<bool>> {
-    c.query_row("SELECT deleted FROM images WHERE id = ?1", [id], |row| row.get(0)).optional()
+/// Whether there is a scene that clients may name: jobs may still need one that has been deleted.
+pub fn offers_scene(c: &Connection, id: &str) -> Result<bool> {
+    c.prepare_cached("SELECT 1 FROM scenes WHERE id = ?1 AND NOT deleted")?.exists([id])
+}
+
+/// The same of an image.
+pub fn offers_image(c: &Connection, id: &str) -> Result<bool> {
+    c.prepare_cached("SELECT 1 FROM images WHERE id = ?1 AND NOT deleted")?.exists([id])
 }
