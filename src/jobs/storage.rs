@@ -1,5 +1,5 @@
 //! The ledger and the blobs it names, kept in step: a blob is written before the ledger names it, and deleted only after
-//! nothing does.
+//! the ledger has dropped it.
 
 use super::blobs::{BlobError, BlobRef, Blobs};
 use super::job::Job;
@@ -231,11 +231,12 @@ impl Storage {
             self.commit(Change::Forget(leaving.clone())).await?;
         }
         let unused = self.ledger.ask(unused_blobs).await.map_err(|error| fault(&error))?;
+        if !unused.is_empty() {
+            // First the names, then the files: what a crash leaves between is a stray of the next start.
+            self.commit(Change::DropBlobs(unused.clone())).await?;
+        }
         for id in &unused {
             self.blobs.delete(id).await.map_err(|error| fault(&error))?;
-        }
-        if !unused.is_empty() {
-            self.commit(Change::DropBlobs(unused)).await?;
         }
         Ok(leaving)
     }
