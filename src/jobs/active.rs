@@ -5,7 +5,7 @@ use super::memory::Claim;
 use super::progress::{Progress, seconds};
 use super::saved::{self, Origin};
 use super::worker::{Ready, Shared};
-use crate::params::ImageFormat;
+use crate::params::{ImageFormat, Mode};
 use crate::render::forecast::Forecast;
 use crate::render::{NonFinite, Render};
 use std::sync::Arc;
@@ -90,7 +90,10 @@ impl Active {
     /// The film as it is stored; none if it has nothing new, or samples had to be dropped: it does not say how many.
     pub fn to_save(&self) -> Option<bytes::Bytes> {
         let film = self.render.film();
-        if film.pixel_samples() <= self.saved_samples || self.render.non_finite() != NonFinite::default() {
+        // A preview is made anew sooner than it is read back.
+        let is_preview = self.ready.prepared.work.settings.mode == Mode::Preview;
+        if is_preview || film.pixel_samples() <= self.saved_samples || self.render.non_finite() != NonFinite::default()
+        {
             return None;
         }
         saved::to_bytes(film, Origin::of(self.render.device()), self.attained, self.started.elapsed()).ok()
