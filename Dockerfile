@@ -19,11 +19,11 @@ COPY script/probe /usr/local/bin/candela-probe
 COPY --from=build /usr/local/bin/candela /usr/local/bin/candela
 
 USER candela
-# What is written lies in the home folder; for now that is Mesa's cache of compiled shaders.
+# What is written lies in the home folder: the data, and Mesa's cache of compiled shaders.
 WORKDIR /var/lib/candela
 VOLUME /var/lib/candela
 # Loopback, the default, cannot be reached from outside a container. Mesa's device-select layer looks for a screen.
-ENV CANDELA_LISTEN=0.0.0.0:8080 NODEVICE_SELECT=1
+ENV CANDELA_LISTEN=0.0.0.0:8080 CANDELA_DATA=/var/lib/candela/data NODEVICE_SELECT=1
 EXPOSE 8080
 HEALTHCHECK --interval=10s --timeout=6s --start-period=30s CMD candela-probe "$CANDELA_LISTEN" /healthz
 ENTRYPOINT ["candela"]

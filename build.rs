@@ -1,6 +1,7 @@
 //! Makes at build time what the program embeds: one function per job.
 
 use std::fmt::Write;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 use wesl::{ManglerKind, Wesl};
@@ -15,6 +16,22 @@ fn main() {
     link_shader("package::proof::parts", "parts");
     contract(&out);
     page(&out);
+    source_hash();
+}
+
+/// What pictures depend on besides their scenes and parameters, as `CANDELA_SOURCE_HASH`.
+fn source_hash() {
+    let mut files = vec![PathBuf::from("Cargo.lock")];
+    for folder in ["shaders", "src/compile", "src/film", "src/params", "src/render", "src/scene"] {
+        println!("cargo::rerun-if-changed={folder}");
+        files_below(Path::new(folder), &mut files);
+    }
+    files.sort();
+    let mut hash = DefaultHasher::new();
+    for file in files {
+        (&file, fs::read(&file).expect("a file of this package")).hash(&mut hash);
+    }
+    println!("cargo::rustc-env=CANDELA_SOURCE_HASH={:016x}", hash.finish());
 }
 
 /// Links an entry module with what it imports. Names are kept as written (they are unique over all modules), so that

@@ -2,9 +2,11 @@
 
 use crate::params::ParamLimits;
 use crate::scene;
-use clap::Args;
+use clap::{ArgAction, Args, ValueEnum};
 use serde::Serialize;
+use serde_json::Value;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 
 /// Writes the table of limits once: field, default and environment variable.
 macro_rules! limits {
@@ -12,7 +14,7 @@ macro_rules! limits {
         /// Bounds on what one request, and all of them together, may cost. `GET /v1/limits` shows them.
         #[derive(Debug, Clone, Args, Serialize)]
         pub struct Limits {
-            $($(#[doc = $doc])+ #[arg(long, env = $env, default_value_t = $default, help_heading = "Limits")] pub $name: $kind,)+
+            $($(#[doc = $doc])+ #[arg(long, env = $env, default_value_t = $default, action = ArgAction::Set, help_heading = "Limits")] pub $name: $kind,)+
         }
 
         impl Default for Limits {
@@ -26,8 +28,14 @@ macro_rules! limits {
 limits! {
     /// Bytes of one request body.
     upload_bytes: u64 = 256 << 20, "CANDELA_UPLOAD_BYTES";
-    /// Bodies read at the same time; further ones wait.
-    uploads: usize = 16, "CANDELA_UPLOADS";
+    /// Bytes of all bodies being read; further bytes wait, for `idle_seconds` at the most.
+    upload_memory_bytes: u64 = 1 << 30, "CANDELA_UPLOAD_MEMORY_BYTES";
+    /// Connections open at the same time; further ones wait to be accepted.
+    connections: usize = 1024, "CANDELA_CONNECTIONS";
+    /// Seconds in which the head of a request must have arrived; a connection without a request is closed after them, too.
+    header_seconds: u64 = 20, "CANDELA_HEADER_SECONDS";
+    /// Seconds of silence after which a request body is given up.
+    idle_seconds: u64 = 15, "CANDELA_IDLE_SECONDS";
     /// Seconds in which a request body must have arrived.
     body_seconds: u64 = 120, "CANDELA_BODY_SECONDS";
     /// Parts of one multipart form.
@@ -66,14 +74,24 @@ limits! {
     queue_length: usize = 64, "CANDELA_QUEUE_LENGTH";
     /// Renders that share the device; one more place is kept for short ones.
     active_renders: usize = 4, "CANDELA_ACTIVE_RENDERS";
-    /// Bytes of the scenes kept, least recently used leave first.
+    /// Milliseconds between two savings of an unfinished film, where there is a data folder.
+    save_film_ms: u64 = 30_000, "CANDELA_SAVE_FILM_MS";
+    /// Bytes of a film above which it is not saved: after a restart its job begins anew.
+    save_film_bytes: u64 = 256 << 20, "CANDELA_SAVE_FILM_BYTES";
+    /// Bytes of the scenes kept in memory, least recently used leave first.
     stored_scene_bytes: u64 = 2 << 30, "CANDELA_STORED_SCENE_BYTES";
-    /// Bytes of the images kept, least recently used leave first.
+    /// Bytes of the images kept in memory, least recently used leave first.
     stored_image_bytes: u64 = 1 << 30, "CANDELA_STORED_IMAGE_BYTES";
     /// Finished jobs kept, oldest leave first.
     kept_jobs: usize = 1000, "CANDELA_KEPT_JOBS";
     /// Bytes of the results kept, oldest leave first.
     kept_result_bytes: u64 = 1 << 30, "CANDELA_KEPT_RESULT_BYTES";
+    /// Hours that finished jobs are kept, and uploads that nobody uses.
+    kept_hours: u64 = 168, "CANDELA_KEPT_HOURS";
+    /// Bytes of the uploads kept in the data folder, least recently used leave first (in memory: at most `stored_scene_bytes`).
+    kept_upload_bytes: u64 = 16 << 30, "CANDELA_KEPT_UPLOAD_BYTES";
+    /// Whether a job that asks for what another has rendered gets its result.
+    result_cache: bool = true, "CANDELA_RESULT_CACHE";
     /// Longest `Prefer: wait`, in seconds.
     wait_seconds: u64 = 300, "CANDELA_WAIT_SECONDS";
 }
@@ -105,17 +123,57 @@ impl Limits {
 }
 
 /// What `candela serve` needs to know.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Args, Serialize)]
 pub struct ServeConfig {
     /// Address to listen on.
     #[arg(long, env = "CANDELA_LISTEN", default_value = "127.0.0.1:8080")]
     pub listen: SocketAddr,
+    /// Folder for uploads, jobs and results, which then outlive the process; without one they are kept in memory.
+    #[arg(long, env = "CANDELA_DATA", value_name = "FOLDER")]
+    pub data: Option<PathBuf>,
     /// Seconds that jobs get to finish after SIGTERM or SIGINT.
     #[arg(long, env = "CANDELA_DRAIN_SECONDS", default_value_t = 30)]
     pub drain_seconds: u64,
+    /// How the log is written to standard error.
+    #[arg(long, env = "CANDELA_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
+    pub log_format: LogFormat,
+    /// Prints the configuration as a file of environment variables (for systemd, Docker, a shell) and ends.
+    #[arg(long)]
+    #[serde(skip)]
+    pub print_config: bool,
     /// Bounds.
     #[command(flatten)]
+    #[serde(flatten)]
     pub limits: Limits,
+}
+
+/// How the log is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LogFormat {
+    /// A line for people per event.
+    Text,
+    /// A JSON object per event.
+    Json,
+}
+
+impl ServeConfig {
+    /// Every setting as a line `VARIABLE=value`, with what it means above it; what is not set is commented out.
+    pub fn as_environment(&self) -> String {
+        let values = serde_json::to_value(self).unwrap_or_default();
+        let command = Self::augment_args(clap::Command::new("serve"));
+        let settings = command.get_arguments().filter_map(|argument| {
+            let variable = argument.get_env()?.to_str()?;
+            let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
+            let line = match &values[argument.get_id().as_str()] {
+                Value::Null => format!("#{variable}="),
+                Value::String(text) => format!("{variable}={text}"),
+                other => format!("{variable}={other}"),
+            };
+            Some(format!("# {help} (--{})\n{line}\n", argument.get_long()?))
+        });
+        settings.collect()
+    }
 }
 
 #[cfg(test)]
@@ -135,5 +193,22 @@ mod tests {
         assert_eq!(parsed.limits.queue_length, 3);
         assert_eq!(parsed.limits.kept_jobs, Limits::default().kept_jobs);
         assert!(parsed.listen.ip().is_loopback());
+    }
+
+    #[test]
+    fn the_configuration_is_printed_as_it_is_read() {
+        let arguments = ["candela", "--queue-length", "3", "--result-cache", "false", "--data", "/srv/candela"];
+        let text = Arguments::parse_from(arguments).serve.as_environment();
+        let lines: Vec<&str> = text.lines().filter(|line| !line.starts_with("# ")).collect();
+        for line in ["CANDELA_QUEUE_LENGTH=3", "CANDELA_RESULT_CACHE=false", "CANDELA_DATA=/srv/candela"] {
+            assert!(lines.contains(&line), "{line}: {text}");
+        }
+        assert!(
+            lines.contains(&"CANDELA_LISTEN=127.0.0.1:8080") && lines.contains(&"CANDELA_LOG_FORMAT=text"),
+            "{text}"
+        );
+        assert!(!text.contains("=null") && text.contains("(--queue-length)"), "{text}");
+        let none = Arguments::parse_from(["candela"]).serve.as_environment();
+        assert!(none.contains("#CANDELA_DATA=\n"), "{none}");
     }
 }

@@ -2,6 +2,7 @@
 
 mod bench;
 mod demo;
+mod doctor;
 mod progress;
 mod render;
 mod request;
@@ -28,6 +29,8 @@ enum Command {
     Render(render::RenderArgs),
     /// Writes one of the scenes that Candela makes itself.
     Demo(demo::DemoArgs),
+    /// Says what this machine has, and whether it is in order.
+    Doctor(doctor::DoctorArgs),
     /// Measures this machine.
     Bench(bench::BenchArgs),
 }
@@ -58,6 +61,7 @@ pub fn main() -> ExitCode {
         Command::Serve(config) => serve::run(config),
         Command::Render(arguments) => render::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     };
     match done {

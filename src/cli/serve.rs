@@ -1,12 +1,12 @@
 //! `candela serve`.
 
 use super::Failure;
-use crate::config::ServeConfig;
+use crate::config::{LogFormat, ServeConfig};
 use crate::http;
 use crate::jobs::Service;
-use crate::render::Engines;
+use crate::render::{Engine, Engines};
 use anyhow::Context;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -17,9 +17,17 @@ use tracing_subscriber::EnvFilter;
 /// # Errors
 /// No usable adapter, or the address cannot be listened on.
 pub fn run(config: ServeConfig) -> Result<(), Failure> {
+    if config.print_config {
+        let written = std::io::stdout().write_all(config.as_environment().as_bytes());
+        return written.map_err(|error| Failure::Machine(format!("standard output: {error}")));
+    }
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("candela=info,warn"));
     let colours = std::io::stderr().is_terminal();
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours).init();
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours);
+    match config.log_format {
+        LogFormat::Text => log.init(),
+        LogFormat::Json => log.json().flatten_event(true).with_current_span(true).with_span_list(false).init(),
+    }
     run_to_end(config).map_err(|error| Failure::Machine(format!("{error:#}")))
 }
 
@@ -36,7 +44,12 @@ async fn serve(config: ServeConfig) -> anyhow::Result<()> {
         format!("cannot listen on {} (--listen 127.0.0.1:8081 takes another port, port 0 any free one)", config.listen)
     })?;
     let address = listener.local_addr()?;
-    let service = Service::start(config.limits, Box::new(|| Ok(Box::new(Engines::new())))).await?;
+    let engines = Box::new(|| Ok(Box::new(Engines::new()) as Box<dyn Engine>));
+    let service = Service::start_in(config.data.as_deref(), config.limits, engines).await?;
+    match &config.data {
+        Some(folder) => tracing::info!(folder = %folder.display(), "jobs and uploads are kept"),
+        None => tracing::info!("jobs and uploads end with this process (--data FOLDER keeps them)"),
+    }
     tracing::info!("Candela is ready: http://{}/", reachable(address));
     http::serve(listener, service, asked_to_stop()?, Duration::from_secs(config.drain_seconds)).await?;
     tracing::info!("stopped");
@@ -73,11 +86,22 @@ mod tests {
     use super::*;
     use crate::config::Limits;
 
+    fn config(listen: SocketAddr) -> ServeConfig {
+        ServeConfig {
+            listen,
+            data: None,
+            drain_seconds: 0,
+            log_format: LogFormat::Text,
+            print_config: false,
+            limits: Limits::default(),
+        }
+    }
+
     #[test]
     fn a_port_that_is_taken_is_said_before_anything_else() {
         let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let listen = other.local_addr().unwrap();
-        let error = run_to_end(ServeConfig { listen, drain_seconds: 0, limits: Limits::default() }).unwrap_err();
+        let error = run_to_end(config(listen)).unwrap_err();
         let message = format!("{error:#}");
         assert!(message.contains(&listen.to_string()) && message.contains("--listen"), "{message}");
     }

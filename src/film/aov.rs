@@ -38,7 +38,7 @@ impl Aov {
 }
 
 /// What is kept of a film for its AOVs.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Aovs {
     tiles: Tiles,
     /// By pixel; none if there were too few replicates.

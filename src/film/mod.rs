@@ -17,6 +17,7 @@ pub use rates::{MOST, PILOT, STEPS};
 pub use tiles::{TILE_PIXELS, Tiles};
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// Independent estimates of the picture that the film keeps apart, to measure its error.
 pub const REPLICATES: usize = 4;
@@ -35,7 +36,7 @@ pub struct TileSamples {
 }
 
 /// Sums of samples per pixel, one set per replicate.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Film {
     tiles: Tiles,
     /// Samples per pixel, by replicate, then tile.
@@ -161,7 +162,7 @@ impl Film {
 }
 
 /// A picture as light: not yet exposed, tone mapped or encoded.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Picture {
     /// Pixels across.
     pub width: u32,

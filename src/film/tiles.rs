@@ -1,6 +1,7 @@
 //! How a picture is cut into the pieces that samples are counted by.
 
 use super::TileSamples;
+use serde::{Deserialize, Serialize};
 
 /// Pixels of a tile, one per lane of a workgroup.
 pub const TILE_PIXELS: usize = 64;
@@ -13,7 +14,7 @@ const SIDE: u32 = 8;
 /// Tile `2 n` has the pixels of region `n` whose `x + y` is even, tile `2 n + 1` the odd ones; regions go row by row from
 /// the top. Both colours see the same part of the picture with random numbers of their own: what one has found
 /// may decide how many samples the other gets, and biases neither (docs/accuracy.md).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Tiles {
     width: u32,
     height: u32,

@@ -1,6 +1,7 @@
 //! `GET /v1/jobs/{id}/events`: the news of a job as Server-Sent Events.
 
 use super::App;
+use super::metrics::Counted;
 use crate::jobs::{Event as News, EventLog, Job, Problem};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
@@ -23,13 +24,17 @@ type Sent = Result<Event, Infallible>;
 /// `GET /v1/jobs/{id}/events`: from the beginning, or after `Last-Event-ID`; ends with the job.
 /// 204 to those who have seen the last event: browsers then stop asking.
 pub async fn stream(State(app): State<App>, Path(id): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
-    let job = app.service.job(&id)?;
+    let job = app.service.job(&id).await?;
     let seen = headers.get("last-event-id").and_then(|value| value.to_str().ok()?.parse().ok()).unwrap_or(0);
     if job.is_over() && job.events.after(seen).is_empty() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let (sender, receiver) = mpsc::channel(1);
-    tokio::spawn(follow(job, seen, app.service.closed(), sender));
+    let counted = Counted::by(&app.traffic.streams);
+    tokio::spawn(async move {
+        let _counted = counted;
+        follow(job, seen, app.service.closed(), sender).await;
+    });
     Ok(Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
 }
 
@@ -43,7 +48,7 @@ async fn follow(job: Arc<Job>, seen: u64, mut closed: watch::Receiver<bool>, sen
         () = sender.closed() => return,
         _ = closed.wait_for(|closed| *closed) => {}
     }
-    // By now all jobs are over, so that each log has its last event.
+    // By now all jobs are over, or wait for the next process: whoever comes back then hears the rest.
     let _ = tokio::time::timeout(LAST_WORDS, sending).await;
 }
 

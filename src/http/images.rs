@@ -31,12 +31,12 @@ pub async fn create(State(app): State<App>, request: Request) -> Result<Response
 
 /// `GET /v1/images/{id}`
 pub async fn show(State(app): State<App>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
-    app.service.images().get(&id).map(|image| Json(image.describe())).ok_or_else(|| unknown(&id))
+    app.service.image(&id).await?.map(|image| Json(image.describe())).ok_or_else(|| unknown(&id))
 }
 
 /// `DELETE /v1/images/{id}`: jobs that use it finish.
 pub async fn remove(State(app): State<App>, Path(id): Path<String>) -> Result<StatusCode, Problem> {
-    if app.service.images().remove(&id) { Ok(StatusCode::NO_CONTENT) } else { Err(unknown(&id)) }
+    if app.service.remove_image(&id).await? { Ok(StatusCode::NO_CONTENT) } else { Err(unknown(&id)) }
 }
 
 fn unknown(id: &str) -> Problem {

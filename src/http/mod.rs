@@ -5,6 +5,9 @@ mod events;
 mod health;
 mod images;
 mod jobs;
+mod listen;
+mod metrics;
+mod origin;
 mod pages;
 mod picture;
 mod problem;
@@ -14,53 +17,31 @@ pub mod router;
 mod scenes;
 mod upload;
 
+pub use listen::serve;
+
 use crate::jobs::Service;
-use std::sync::Arc;
-use std::time::Duration;
-use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
+use axum::extract::Request;
+use metrics::Traffic;
+use std::net::{IpAddr, Ipv4Addr};
+use upload::Room;
 
 /// What handlers share.
 #[derive(Clone)]
 pub struct App {
     /// The service.
     pub service: Service,
-    /// Places for bodies that are read at the same time: they are held in memory.
-    pub uploads: Arc<Semaphore>,
+    /// Memory for bodies that are being read.
+    pub room: Room,
+    /// What is counted of requests.
+    pub traffic: Traffic,
 }
 
-/// Time after the last job in which clients can still fetch its result.
-const LINGER: Duration = Duration::from_secs(1);
+/// Where a request comes from.
+#[derive(Debug, Clone, Copy)]
+struct Peer(IpAddr);
 
-/// Time in which open connections must end after that.
-const LAST_CALL: Duration = Duration::from_secs(5);
-
-/// Serves until `shutdown` is ready, lets the jobs under way finish for up to `patience`, ends the streams of
-/// events, and returns when the connections are closed.
-pub async fn serve(
-    listener: TcpListener,
-    service: Service,
-    shutdown: impl Future<Output = ()> + Send + 'static,
-    patience: Duration,
-) -> std::io::Result<()> {
-    let router = router::router(service.clone());
-    let mut closed = service.closed();
-    let drained = {
-        let service = service.clone();
-        async move {
-            shutdown.await;
-            if service.drain(patience).await {
-                tokio::time::sleep(LINGER).await;
-            }
-        }
-    };
-    let server = axum::serve(listener, router).with_graceful_shutdown(drained);
-    let last_call = async {
-        let _ = closed.wait_for(|closed| *closed).await;
-        tokio::time::sleep(LINGER + LAST_CALL).await;
-    };
-    tokio::select! {
-        result = server => result,
-        () = last_call => Ok(()),
-    }
+/// Who asks, for sharing the device: the address at the other end of the connection.
+fn client(request: &Request) -> String {
+    let peer = request.extensions().get::<Peer>().copied().unwrap_or(Peer(Ipv4Addr::LOCALHOST.into()));
+    peer.0.to_canonical().to_string()
 }

@@ -1,11 +1,10 @@
 //! A finished picture as a reply: the file, its facts as `Candela-*` headers, its hash as `ETag`.
 
 use super::accept::media_type;
-use crate::jobs::{Encoded, Job, Report};
-use axum::body::{Body, Bytes};
+use crate::jobs::{Encoded, Job, Record};
+use axum::body::Body;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use std::sync::Arc;
 
 /// Longest value of one fact; the whole list is in the job's JSON.
 const LONGEST: usize = 1000;
@@ -14,9 +13,9 @@ const LONGEST: usize = 1000;
 pub fn reply(job: &Job, file: &Encoded, request: &HeaderMap) -> Response {
     let mut headers = HeaderMap::new();
     if let Some(outcome) = job.outcome() {
-        facts(&mut headers, &outcome.report);
+        facts(&mut headers, &outcome.record);
     }
-    set(&mut headers, HeaderName::from_static("candela-job"), &job.id);
+    set(&mut headers, HeaderName::from_static("candela-job"), &job.spec.id);
     set(&mut headers, header::ETAG, &file.etag);
     set(&mut headers, header::CACHE_CONTROL, "private, max-age=31536000, immutable");
     set(&mut headers, header::VARY, "Accept");
@@ -24,14 +23,14 @@ pub fn reply(job: &Job, file: &Encoded, request: &HeaderMap) -> Response {
         return (StatusCode::NOT_MODIFIED, headers).into_response();
     }
     set(&mut headers, header::CONTENT_TYPE, media_type(file.format));
-    (headers, Body::from(Bytes::from_owner(Arc::clone(&file.bytes)))).into_response()
+    (headers, Body::from(file.bytes.clone())).into_response()
 }
 
-fn facts(headers: &mut HeaderMap, report: &Report) {
-    let stages = ("Candela-Seconds".to_owned(), report.stage_line());
-    for (name, value) in report.facts().into_iter().chain([stages]) {
+fn facts(headers: &mut HeaderMap, record: &Record) {
+    let stages = ("Candela-Seconds".to_owned(), record.seconds.clone());
+    for (name, value) in record.facts.iter().chain([&stages]) {
         if let Ok(name) = HeaderName::try_from(name) {
-            set(headers, name, &value);
+            set(headers, name, value);
         }
     }
 }

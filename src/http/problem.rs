@@ -1,14 +1,16 @@
 //! Every reply leaves through here: faults become problem+json, and all get a request id and security headers.
 
+use super::metrics::Traffic;
 use crate::jobs::{Code, Problem};
 use axum::body::Body;
-use axum::extract::Request;
+use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use serde_json::json;
 use std::hash::{BuildHasher, RandomState};
 use std::sync::atomic::{AtomicU64, Ordering};
+use tracing::Instrument;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
@@ -37,11 +39,13 @@ impl IntoResponse for Problem {
 }
 
 /// Middleware around everything.
-pub async fn dress(request: Request, next: Next) -> Response {
+pub async fn dress(State(traffic): State<Traffic>, request: Request, next: Next) -> Response {
     let id = request_id(request.headers());
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
     let begun = std::time::Instant::now();
-    let mut response = next.run(request).await;
+    // What happens on behalf of this request says so in the log.
+    let span = tracing::info_span!("request", request_id = id);
+    let mut response = next.run(request).instrument(span).await;
     if let Some(problem) = problem_of(&response) {
         response = write(&problem, &id, response);
     }
@@ -52,8 +56,9 @@ pub async fn dress(request: Request, next: Next) -> Response {
     if let Ok(value) = HeaderValue::from_str(&id) {
         headers.insert(REQUEST_ID, value);
     }
-    let status = response.status().as_u16();
-    tracing::info!(%method, path, status, request_id = id, ms = begun.elapsed().as_millis() as u64, "request");
+    let (status, took) = (response.status().as_u16(), begun.elapsed());
+    traffic.answered(method.as_str(), status, took);
+    tracing::info!(%method, path, status, request_id = id, ms = took.as_millis() as u64, "request");
     response
 }
 

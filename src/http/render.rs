@@ -1,10 +1,10 @@
 //! `POST /v1/render`: upload, job and wait in one.
 
-use super::jobs::{Waiting, finished};
+use super::jobs::{Waiting, finished, wants_anew};
 use super::scenes::{RAW, some_file};
 use super::upload::{self, Kinds};
-use super::{App, accept, query};
-use crate::jobs::{Code, Order, Problem, Stages, StoredImage, hdri_name};
+use super::{App, accept, client, query};
+use crate::jobs::{Code, Order, Problem, Stages, StoredImage, Submission, hdri_name};
 use crate::params::{self, FieldError, JsonError, RenderParams};
 use axum::extract::{Request, State};
 use axum::http::Uri;
@@ -24,7 +24,7 @@ const KINDS: Kinds = Kinds {
 pub async fn render(State(app): State<App>, request: Request) -> Result<Response, Problem> {
     let begun = Instant::now();
     let headers = request.headers().clone();
-    let query = request.uri().clone();
+    let (query, client) = (request.uri().clone(), client(&request));
     let mut upload = some_file(upload::read(&app, &KINDS, request).await?, &KINDS)?;
     let params = read_params(upload.params.as_deref(), &query)?;
     // A format that cannot be made is refused before the work, not after it.
@@ -36,7 +36,9 @@ pub async fn render(State(app): State<App>, request: Request) -> Result<Response
     let (scene, _) = app.service.add_scene(upload.files).await?;
     let stages = Stages { upload: uploaded, import: importing.elapsed().as_secs_f64(), ..Stages::default() };
 
-    let job = app.service.submit(Order { scene, hdri, params, priority: 0, stages })?;
+    let order = Order { scene, hdri, params, priority: 0, stages };
+    let anew = wants_anew(&headers);
+    let job = app.service.submit(Submission { attended: true, anew, ..Submission::new(order, client) }).await?;
     let waiting = Waiting { app, job };
     waiting.job.finished().await;
     finished(&waiting.app, &waiting.job, &headers).await
@@ -61,7 +63,9 @@ async fn take_hdri(
     files: &mut Vec<(String, Vec<u8>)>,
 ) -> Result<Option<Arc<StoredImage>>, Problem> {
     let Some(name) = hdri_name(params) else { return Ok(None) };
-    let Some(place) = files.iter().position(|(file, _)| file == name) else { return app.service.stored_hdri(params) };
+    let Some(place) = files.iter().position(|(file, _)| file == name) else {
+        return app.service.stored_hdri(params).await;
+    };
     let (_, bytes) = files.remove(place);
     let (image, _) = app.service.add_image(bytes, "/params/environment/hdri").await?;
     Ok(Some(image))

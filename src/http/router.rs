@@ -1,13 +1,12 @@
 //! Every route on one screen.
 
-use super::upload::TEXT_BYTES;
-use super::{App, events, health, images, jobs, pages, problem, render, scenes};
+use super::metrics::{self, Traffic};
+use super::upload::{Room, TEXT_BYTES};
+use super::{App, events, health, images, jobs, origin, pages, problem, render, scenes};
 use crate::jobs::Service;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
-use axum::routing::{MethodRouter, delete, get, post};
-use std::sync::Arc;
-use tokio::sync::Semaphore;
+use axum::routing::{MethodRouter, delete, get, post, put};
 use tower_http::catch_panic::CatchPanicLayer;
 
 /// A row of the table: method, path, what answers. `GET` answers `HEAD` too.
@@ -25,12 +24,14 @@ fn table() -> Vec<Row> {
         ("DELETE", "/v1/images/{id}", delete(images::remove)),
         ("POST", "/v1/jobs", post(jobs::create).layer(DefaultBodyLimit::max(TEXT_BYTES))),
         ("GET", "/v1/jobs", get(jobs::list)),
+        ("PUT", "/v1/jobs/{id}", put(jobs::create_named).layer(DefaultBodyLimit::max(TEXT_BYTES))),
         ("GET", "/v1/jobs/{id}", get(jobs::show)),
         ("GET", "/v1/jobs/{id}/events", get(events::stream)),
         ("GET", "/v1/jobs/{id}/preview", get(jobs::preview)),
         ("GET", "/v1/jobs/{id}/result", get(jobs::result)),
         ("POST", "/v1/jobs/{id}/cancel", post(jobs::cancel)),
         ("GET", "/v1/limits", get(health::limits)),
+        ("GET", "/metrics", get(metrics::show)),
         ("GET", "/healthz", get(health::alive)),
         ("GET", "/readyz", get(health::ready)),
         ("GET", "/openapi.json", get(pages::openapi_json)),
@@ -46,15 +47,16 @@ pub fn routes() -> Vec<(&'static str, &'static str)> {
 }
 
 /// The whole application; what the table does not name is a file of the page, or a 404.
-pub fn router(service: Service) -> Router {
+pub fn router(service: Service, traffic: &Traffic) -> Router {
     let upload_bytes = usize::try_from(service.limits().upload_bytes).unwrap_or(usize::MAX);
-    let uploads = Arc::new(Semaphore::new(service.limits().uploads.max(1)));
+    let room = Room::new(service.limits());
     table()
         .into_iter()
         .fold(Router::new(), |router, (_, path, answer)| router.route(path, answer))
         .fallback(pages::file)
         .layer(DefaultBodyLimit::max(upload_bytes))
         .layer(CatchPanicLayer::new())
-        .layer(axum::middleware::from_fn(problem::dress))
-        .with_state(App { service, uploads })
+        .layer(axum::middleware::from_fn(origin::check))
+        .layer(axum::middleware::from_fn_with_state(traffic.clone(), problem::dress))
+        .with_state(App { service, room, traffic: traffic.clone() })
 }

@@ -2,7 +2,7 @@
 
 use super::upload::{self, Kinds, Upload};
 use super::{App, query};
-use crate::jobs::{Code, Problem, StoredScene};
+use crate::jobs::{Code, Problem, SceneRow};
 use crate::params::FieldError;
 use axum::Json;
 use axum::extract::{Path, Request, State};
@@ -86,20 +86,20 @@ pub async fn list(State(app): State<App>, uri: Uri) -> Result<Json<Value>, Probl
     if page.cursor.as_ref().is_some_and(|cursor| !cursor.starts_with("sha256-")) {
         return Err(bad_cursor("this is no cursor of this list"));
     }
-    let (scenes, more) = app.service.scenes().page(page.cursor.as_deref(), page.count);
+    let (scenes, more) = app.service.scenes(page.cursor.as_deref().unwrap_or_default(), page.count).await?;
     let next = scenes.last().filter(|_| more).map(|scene| scene.id.clone());
-    let row = |scene: &StoredScene| json!({ "id": scene.id, "upload_bytes": scene.upload_bytes });
-    Ok(Json(json!({ "items": scenes.iter().map(|scene| row(scene)).collect::<Vec<_>>(), "next": next })))
+    let row = |scene: &SceneRow| json!({ "id": scene.id, "upload_bytes": scene.upload_bytes });
+    Ok(Json(json!({ "items": scenes.iter().map(row).collect::<Vec<_>>(), "next": next })))
 }
 
 /// `GET /v1/scenes/{id}`
 pub async fn show(State(app): State<App>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
-    app.service.scenes().get(&id).map(|scene| Json(scene.describe())).ok_or_else(|| unknown(&id))
+    app.service.scene(&id).await?.map(|scene| Json(scene.describe())).ok_or_else(|| unknown(&id))
 }
 
 /// `DELETE /v1/scenes/{id}`: jobs that use it finish.
 pub async fn remove(State(app): State<App>, Path(id): Path<String>) -> Result<StatusCode, Problem> {
-    if app.service.scenes().remove(&id) { Ok(StatusCode::NO_CONTENT) } else { Err(unknown(&id)) }
+    if app.service.remove_scene(&id).await? { Ok(StatusCode::NO_CONTENT) } else { Err(unknown(&id)) }
 }
 
 /// The fault of an unknown scene.

@@ -1,16 +1,119 @@
 //! Bodies of requests: bounded in bytes, in parts and in time.
 
 use super::App;
+use crate::config::Limits;
 use crate::jobs::{Code, Problem};
 use crate::params::{self, JsonError};
-use axum::body::Bytes;
+use axum::body::{Body, Bytes};
 use axum::extract::multipart::{Field, Multipart, MultipartError};
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, StatusCode, header};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio_stream::StreamExt;
 
 /// Bytes of a body that is JSON alone, and of a form's text fields.
 pub const TEXT_BYTES: usize = 1 << 20;
+
+/// Seconds after which a client that found no room for its body should try again.
+const RETRY_SECONDS: u32 = 2;
+
+/// Bytes of a permit of [`Room`].
+const GRAIN: usize = 1 << 10;
+
+/// Memory for bodies that are being read. What a body has sent so far is what it takes, so that a slow one takes little.
+#[derive(Debug, Clone)]
+pub struct Room {
+    free: Arc<Semaphore>,
+    grains: usize,
+    idle: Duration,
+}
+
+impl Room {
+    /// As the limits say; at least one body fits.
+    pub fn new(limits: &Limits) -> Self {
+        let bytes = limits.upload_memory_bytes.max(limits.upload_bytes).max(TEXT_BYTES as u64);
+        let grains = usize::try_from(bytes).unwrap_or(usize::MAX).div_ceil(GRAIN) + 1;
+        let grains = grains.min(Semaphore::MAX_PERMITS);
+        Self { free: Arc::new(Semaphore::new(grains)), grains, idle: Duration::from_secs(limits.idle_seconds.max(1)) }
+    }
+
+    /// Bytes in use, in whole grains.
+    pub fn used(&self) -> usize {
+        (self.grains - self.free.available_permits()) * GRAIN
+    }
+
+    /// The request with a body that is metered, and the meter.
+    fn metered(&self, request: Request) -> (Request, Arc<Meter>) {
+        let meter = Arc::new(Meter::default());
+        let (parts, body) = request.into_parts();
+        let (idle, free) = (self.idle, Arc::clone(&self.free));
+        let chunks = body.into_data_stream().timeout(idle);
+        let counted = {
+            let meter = Arc::clone(&meter);
+            chunks.then(move |chunk| {
+                let (meter, free) = (Arc::clone(&meter), Arc::clone(&free));
+                async move {
+                    let chunk = chunk.map_err(|_| meter.give_up(silent(idle)))??;
+                    meter.take(&free, chunk.len(), idle).await?;
+                    Ok::<_, axum::BoxError>(chunk)
+                }
+            })
+        };
+        (Request::from_parts(parts, Body::from_stream(counted)), meter)
+    }
+}
+
+fn silent(idle: Duration) -> Problem {
+    let seconds = idle.as_secs();
+    let detail = format!("nothing of the body arrived for {seconds} s (GET /v1/limits, idle_seconds)");
+    Problem::new(Code::RequestTimeout, detail)
+}
+
+/// Memory that one body holds, and why it was given up.
+#[derive(Debug, Default)]
+struct Meter {
+    held: Mutex<Option<OwnedSemaphorePermit>>,
+    rest: Mutex<usize>,
+    fault: OnceLock<Problem>,
+}
+
+impl Meter {
+    /// Takes memory for so many bytes more.
+    async fn take(&self, free: &Arc<Semaphore>, bytes: usize, patience: Duration) -> Result<(), axum::BoxError> {
+        let grains = {
+            let mut rest = self.rest.lock().unwrap_or_else(PoisonError::into_inner);
+            *rest += bytes;
+            let grains = *rest / GRAIN;
+            *rest %= GRAIN;
+            u32::try_from(grains).unwrap_or(u32::MAX)
+        };
+        let more = tokio::time::timeout(patience, Arc::clone(free).acquire_many_owned(grains)).await;
+        let Ok(Ok(more)) = more else {
+            let detail = "the memory for uploads is in use; try again later (GET /v1/limits, upload_memory_bytes)";
+            return Err(self.give_up(Problem::new(Code::QueueFull, detail).retry_after(RETRY_SECONDS)));
+        };
+        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
+        match held.as_mut() {
+            Some(held) => held.merge(more),
+            None => *held = Some(more),
+        }
+        Ok(())
+    }
+
+    fn give_up(&self, problem: Problem) -> axum::BoxError {
+        let text = problem.detail.clone();
+        // The first reason counts.
+        let _ = self.fault.set(problem);
+        text.into()
+    }
+
+    /// The reason that the meter knows, else the one given.
+    fn explain<T>(&self, read: Result<T, Problem>) -> Result<T, Problem> {
+        read.map_err(|problem| self.fault.get().cloned().unwrap_or(problem))
+    }
+}
 
 /// Files of an upload, and what else the form says.
 #[derive(Debug, Default)]
@@ -19,6 +122,8 @@ pub struct Upload {
     pub files: Vec<(String, Vec<u8>)>,
     /// The field `params`.
     pub params: Option<String>,
+    /// Keeps count of the memory that the files take.
+    _meter: Arc<Meter>,
 }
 
 /// What a route reads besides multipart forms.
@@ -38,22 +143,23 @@ pub async fn read(app: &App, kinds: &Kinds, request: Request) -> Result<Upload, 
     let limits = app.service.limits();
     check_length(request.headers(), limits.upload_bytes)?;
     check_encoding(request.headers())?;
-    // Never closed. Each holder has its place for a bounded time.
-    let _place = app.uploads.acquire().await;
+    let kind = content_type(request.headers());
+    let (request, meter) = app.room.metered(request);
     let reading = async {
-        match content_type(request.headers()).as_str() {
+        match kind.as_str() {
             "multipart/form-data" => read_form(limits.form_parts, kinds, request).await,
             raw if kinds.raw.contains(&raw) => {
                 let bytes = read_all(request).await?;
                 if bytes.is_empty() {
                     return Err(Problem::new(Code::BadRequest, "the body is empty: send the file as the body"));
                 }
-                Ok(Upload { files: vec![(String::new(), bytes.into())], params: None })
+                Ok(Upload { files: vec![(String::new(), bytes.into())], ..Upload::default() })
             }
             other => Err(unsupported(other, kinds.hint)),
         }
     };
-    in_time(limits.body_seconds, reading).await
+    let upload = meter.explain(in_time(limits.body_seconds, reading).await)?;
+    Ok(Upload { _meter: meter, ..upload })
 }
 
 /// Reads a body that must be JSON.
@@ -64,7 +170,8 @@ pub async fn read_json(app: &App, request: Request) -> Result<serde_json::Value,
     if kind != "application/json" {
         return Err(unsupported(&kind, "send JSON with `Content-Type: application/json`"));
     }
-    let bytes = in_time(app.service.limits().body_seconds, read_all(request)).await?;
+    let (request, meter) = app.room.metered(request);
+    let bytes = meter.explain(in_time(app.service.limits().body_seconds, read_all(request)).await)?;
     let text = std::str::from_utf8(&bytes).map_err(|_| Problem::new(Code::MalformedJson, "the body is not UTF-8"))?;
     params::json(text, "").map_err(|error| match error {
         JsonError::Syntax(error) => Problem::new(Code::MalformedJson, format!("the body is not valid JSON: {error}")),

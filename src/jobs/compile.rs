@@ -4,6 +4,7 @@ use super::job::{Job, Order};
 use super::memory::film_bytes;
 use super::problem::{Code, Problem};
 use super::progress::seconds;
+use super::saved::SavedFilm;
 use super::scenes::compiled_bytes;
 use super::worker::Ready;
 use crate::render::prepare::prepare;
@@ -11,11 +12,20 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Compiles the scene, unless that has been done, and what the request adds to it.
-pub(super) fn compile(job: Arc<Job>, order: &Order, memory_limit: u64) -> Result<Ready, Problem> {
+/// `saved`: what was made of it before the server restarted. Films of up to `copied` bytes are copied to be saved.
+pub(super) fn compile(
+    job: Arc<Job>,
+    order: &Order,
+    saved: Option<SavedFilm>,
+    memory_limit: u64,
+    copied: u64,
+) -> Result<Ready, Problem> {
     let begun = Instant::now();
     let params = &order.params;
     let compiled = order.scene.compile(params.scene, params.variant.as_deref())?;
-    let bytes = film_bytes(params.width, params.height) + compiled_bytes(&compiled);
+    let film = film_bytes(params.width, params.height);
+    let copy = if film <= copied { film } else { 0 };
+    let bytes = film + copy + compiled_bytes(&compiled);
     if bytes > memory_limit {
         let detail = format!(
             "the scene and the picture need about {bytes} bytes, above this server's limit of {memory_limit} for a \
@@ -27,5 +37,5 @@ pub(super) fn compile(job: Arc<Job>, order: &Order, memory_limit: u64) -> Result
     let prepared = prepare(&order.scene.scene, compiled, params, hdri)?;
     let mut stages = order.stages;
     stages.compile = seconds(begun.elapsed());
-    Ok(Ready { job, prepared, stages, since: Instant::now(), bytes })
+    Ok(Ready { job, prepared, saved, stages, since: Instant::now(), bytes })
 }

@@ -3,6 +3,7 @@
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 
@@ -40,6 +41,17 @@ impl EventKind {
         }
     }
 
+    /// The kind of that name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        use EventKind::{Cancelled, Completed, Failed, Preview, Progress, Queued, Started};
+        [Queued, Started, Progress, Preview, Completed, Failed, Cancelled].into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// Whether a newer event of this kind makes the older one useless.
+    pub fn is_superseded(self) -> bool {
+        matches!(self, Self::Progress | Self::Preview)
+    }
+
     /// Whether nothing follows.
     pub fn is_last(self) -> bool {
         matches!(self, Self::Completed | Self::Failed | Self::Cancelled)
@@ -57,39 +69,82 @@ pub struct Event {
     pub data: Value,
 }
 
-/// The log of one job. A newer event of a kind takes the place of the older one, so that the log holds at most
-/// one event of each kind, and who comes back sees where things stand rather than all that has been.
+/// The log of one job. A newer preview or progress takes the place of the older one, so that the log stays short, and who
+/// comes back sees where things stand. All other events stay.
+///
+/// An event is told only once it was [published](Self::publish), which is when the ledger has it: no listener has ever heard of
+/// what a restart would take back.
 #[derive(Debug)]
 pub struct EventLog {
-    entries: Mutex<VecDeque<Event>>,
-    newest: watch::Sender<u64>,
+    entries: Mutex<Entries>,
+    published: watch::Sender<u64>,
+    /// The ledger takes no more: nothing will be published any more.
+    is_closed: AtomicBool,
     audience: Arc<()>,
 }
 
+#[derive(Debug)]
+struct Entries {
+    events: VecDeque<Event>,
+    newest: u64,
+}
+
 impl EventLog {
-    /// An empty log.
-    pub fn new() -> Self {
-        Self { entries: Mutex::new(VecDeque::new()), newest: watch::Sender::new(0), audience: Arc::new(()) }
+    /// A log of events that have been published, of which the newest had this id.
+    pub fn new(events: impl IntoIterator<Item = Event>, newest: u64) -> Self {
+        let entries = Entries { events: events.into_iter().collect(), newest };
+        Self {
+            entries: Mutex::new(entries),
+            published: watch::Sender::new(newest),
+            is_closed: AtomicBool::new(false),
+            audience: Arc::new(()),
+        }
     }
 
-    /// Appends an event and wakes the listeners.
-    pub fn push(&self, kind: EventKind, data: Value) {
+    /// Appends an event, which nobody hears of yet.
+    pub fn push(&self, kind: EventKind, data: Value) -> Event {
         let mut entries = self.lock();
-        let id = *self.newest.borrow() + 1;
-        entries.retain(|event| event.kind != kind);
-        entries.push_back(Event { id, kind, data });
-        drop(entries);
-        self.newest.send_replace(id);
+        if kind.is_superseded() {
+            entries.events.retain(|event| event.kind != kind);
+        }
+        entries.newest += 1;
+        let event = Event { id: entries.newest, kind, data };
+        entries.events.push_back(event.clone());
+        event
     }
 
-    /// Events after a given id, oldest first.
+    /// Tells the listeners of all events up to this one.
+    pub fn publish(&self, id: u64) {
+        self.published.send_if_modified(|published| {
+            let is_new = id > *published;
+            *published = id.max(*published);
+            is_new
+        });
+    }
+
+    /// Ends all waiting: what has not been published will not be.
+    pub fn close(&self) {
+        self.is_closed.store(true, Ordering::Release);
+        self.published.send_modify(|_| {});
+    }
+
+    /// Waits until all events so far are published, or the log is closed.
+    pub async fn settled(&self) {
+        let newest = self.lock().newest;
+        let is_settled = |published: &u64| *published >= newest || self.is_closed.load(Ordering::Acquire);
+        // The sender lives in `self`, so this cannot fail.
+        let _ = self.published.subscribe().wait_for(is_settled).await;
+    }
+
+    /// Published events after a given id, oldest first.
     pub fn after(&self, id: u64) -> Vec<Event> {
-        self.lock().iter().filter(|event| event.id > id).cloned().collect()
+        let published = *self.published.borrow();
+        self.lock().events.iter().filter(|event| event.id > id && event.id <= published).cloned().collect()
     }
 
-    /// Tells of the newest id whenever it changes.
+    /// Tells of the newest published id whenever it changes.
     pub fn subscribe(&self) -> watch::Receiver<u64> {
-        self.newest.subscribe()
+        self.published.subscribe()
     }
 
     /// Counts the caller among those who look at previews, for as long as the token lives.
@@ -102,14 +157,8 @@ impl EventLog {
         Arc::strong_count(&self.audience) > 1
     }
 
-    fn lock(&self) -> MutexGuard<'_, VecDeque<Event>> {
+    fn lock(&self) -> MutexGuard<'_, Entries> {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl Default for EventLog {
-    fn default() -> Self {
-        Self::new()
     }
 }
 
@@ -117,17 +166,49 @@ impl Default for EventLog {
 mod tests {
     use super::*;
 
+    fn ids(events: &[Event]) -> Vec<u64> {
+        events.iter().map(|event| event.id).collect()
+    }
+
     #[test]
     fn the_log_is_bounded_and_in_order() {
-        let log = EventLog::new();
+        let log = EventLog::new([], 0);
         log.push(EventKind::Queued, Value::Null);
         for _ in 0..1000 {
             log.push(EventKind::Progress, Value::Null);
             log.push(EventKind::Preview, Value::Null);
         }
         log.push(EventKind::Completed, Value::Null);
-        let events = log.after(0);
-        assert_eq!(events.iter().map(|event| event.id).collect::<Vec<_>>(), [1, 2000, 2001, 2002]);
+        log.publish(2002);
+        assert_eq!(ids(&log.after(0)), [1, 2000, 2001, 2002]);
         assert_eq!(log.after(2001).len(), 1);
+    }
+
+    #[test]
+    fn nobody_hears_of_what_is_not_published() {
+        let log = EventLog::new([], 0);
+        log.push(EventKind::Queued, Value::Null);
+        log.push(EventKind::Started, Value::Null);
+        assert!(log.after(0).is_empty());
+        log.publish(1);
+        assert_eq!(ids(&log.after(0)), [1]);
+    }
+
+    #[tokio::test]
+    async fn a_closed_log_keeps_nobody_waiting() {
+        let log = EventLog::new([], 0);
+        log.push(EventKind::Queued, Value::Null);
+        log.close();
+        log.settled().await;
+        assert!(log.after(0).is_empty());
+    }
+
+    #[test]
+    fn ids_go_on_where_they_were_and_states_stay() {
+        let event = |id, kind| Event { id, kind, data: Value::Null };
+        let log = EventLog::new([event(1, EventKind::Queued), event(2, EventKind::Started)], 9);
+        assert_eq!(log.push(EventKind::Queued, Value::Null).id, 10);
+        log.publish(10);
+        assert_eq!(ids(&log.after(0)), [1, 2, 10]);
     }
 }

@@ -1,17 +1,19 @@
 //! From the film of an ended render to its file and its report; runs away from the device's thread.
 
-use super::job::{Encoded, Job, Outcome};
+use super::job::Job;
 use super::memory::Claim;
+use super::outcome::{Developed, Encoded, Record};
 use super::problem::{Code, Problem};
 use super::progress::seconds;
 use super::scenes::content_id;
-use super::table::Table;
+use super::worker::Shared;
 use crate::film::{self, Aov, EncodeError, Film, Picture};
 use crate::params::{ImageFormat, RenderParams};
 use crate::render::prepare::Prepared;
 use crate::render::report::{Report, Stages};
 use crate::render::{DeviceInfo, NonFinite, StopReason};
 use crate::scene::Warning;
+use bytes::Bytes;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Instant;
@@ -27,32 +29,52 @@ pub(super) struct Ended {
     pub non_finite: NonFinite,
     /// The server's limit on the time ended it, not the request.
     pub cut_by_server: bool,
-    /// Memory that is free again once the film is gone.
+    /// Memory of all this.
     pub claim: Claim,
 }
 
-/// Makes the file and ends the job.
-pub(super) fn finish(ended: Ended, table: &Table) {
+/// Makes the file, stores it and ends the job.
+pub(super) fn finish(ended: Ended, shared: &Shared) {
     let job = Arc::clone(&ended.job);
-    let done = catch_unwind(AssertUnwindSafe(|| outcome(ended))).unwrap_or_else(|_| {
+    let made = catch_unwind(AssertUnwindSafe(|| make(ended))).unwrap_or_else(|_| {
         Err(Problem::new(Code::Internal, "the picture could not be made by a fault of the server"))
     });
-    let changed = match done {
-        Ok(outcome) => job.succeed(outcome),
-        Err(problem) => job.fail(problem),
-    };
-    if changed {
-        table.retire(&job);
+    let stored = made.and_then(|Made { record, file, developed, claim: _claim }| {
+        shared.runtime.block_on(shared.storage.succeed(&job, record, file, &developed))
+    });
+    match stored {
+        Ok(_) => {
+            if let Some(outcome) = job.outcome() {
+                let params = &job.spec.params;
+                shared.meters.rendered(&outcome.record, u64::from(params.width) * u64::from(params.height));
+                if outcome.record.repeatable {
+                    shared.table.share_result(&job);
+                }
+            }
+        }
+        Err(problem) => {
+            job.fail(problem);
+        }
     }
+    shared.tidy.notify_one();
 }
 
-fn outcome(ended: Ended) -> Result<Outcome, Problem> {
+/// What is to be stored.
+struct Made {
+    record: Record,
+    file: Bytes,
+    developed: Developed,
+    /// Memory that is free again once this is gone.
+    claim: Claim,
+}
+
+fn make(ended: Ended) -> Result<Made, Problem> {
     let begun = Instant::now();
     let Ended { job, prepared, film, reason, device, stages, non_finite, cut_by_server, claim } = ended;
-    let picture = Arc::new(film.picture());
-    let aovs = film.aovs();
+    let developed = Developed { picture: film.picture(), aovs: film.aovs() };
     let error = film.error();
     let (samples_min, samples_max) = film.samples_range();
+    let params = &job.spec.params;
     let mut report = Report {
         samples: film.samples(),
         samples_min,
@@ -60,7 +82,7 @@ fn outcome(ended: Ended) -> Result<Outcome, Problem> {
         adaptive: prepared.work.settings.adaptive,
         error: error.map(|error| error.relative_rms),
         error_bound_95: error.map(|error| error.upper_bound_95),
-        seed: job.params.seed,
+        seed: params.seed,
         engine: device.engine,
         device,
         stop_reason: reason,
@@ -79,10 +101,9 @@ fn outcome(ended: Ended) -> Result<Outcome, Problem> {
             detail: "the render was stopped at the server's limit of time (GET /v1/limits, render_seconds)".to_owned(),
         });
     }
-    let file = encode(&picture, &job.params, job.params.output.format, &report.facts())?;
+    let file = encode(&developed.picture, params, params.output.format, &report.facts())?;
     report.seconds.encode = seconds(begun.elapsed());
-    drop(claim);
-    Ok(Outcome { picture, aovs, report, file })
+    Ok(Made { record: Record::new(&report), file: file.bytes, developed, claim })
 }
 
 /// Encodes a picture and hashes the file.
@@ -96,12 +117,12 @@ pub(super) fn encode(
 }
 
 /// Encodes what is known of each pixel and hashes the file.
-pub(super) fn encode_aov(outcome: &Outcome, aov: Aov) -> Result<Encoded, Problem> {
-    let picture = outcome.aovs.picture(aov).ok_or_else(|| {
+pub(super) fn encode_aov(developed: &Developed, aov: Aov, record: &Record) -> Result<Encoded, Problem> {
+    let picture = developed.aovs.picture(aov).ok_or_else(|| {
         let detail = "one sample per pixel has no spread to measure: ask for a `max_samples` of 2 or more";
         Problem::new(Code::NotAcceptable, detail)
     })?;
-    encoded(film::encode_aov(&picture, &outcome.report.facts()), ImageFormat::Exr)
+    encoded(film::encode_aov(&picture, &record.facts), ImageFormat::Exr)
 }
 
 fn encoded(bytes: Result<Vec<u8>, EncodeError>, format: ImageFormat) -> Result<Encoded, Problem> {

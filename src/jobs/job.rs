@@ -1,16 +1,18 @@
 //! One job: its request, where it stands, what came of it.
 
 use super::events::{EventKind, EventLog};
+use super::ledger::{Change, Ledger, Restored, Standing};
+use super::meters::Meters;
+use super::outcome::{Encoded, Outcome, Preview};
 use super::problem::Problem;
 use super::progress::{Progress, seconds};
 use super::scenes::{StoredImage, StoredScene};
 use super::state::State;
-use crate::film::{Aovs, Picture};
-use crate::params::{ImageFormat, RenderParams};
-use crate::render::report::{Report, Stages};
+use crate::params::RenderParams;
+use crate::render::report::Stages;
 use serde_json::{Value, json};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 /// What to render.
 #[derive(Debug, Clone)]
@@ -27,62 +29,81 @@ pub struct Order {
     pub stages: Stages,
 }
 
-/// A file with what the client needs to know of it.
-#[derive(Debug, Clone)]
-pub struct Encoded {
-    /// The file.
-    pub bytes: Arc<[u8]>,
-    /// Its format.
-    pub format: ImageFormat,
-    /// Hash of the bytes, quoted.
-    pub etag: String,
-}
-
-/// A picture of the unfinished render.
-#[derive(Debug, Clone)]
-pub struct Preview {
-    /// Counts from 1 within the job.
-    pub number: u64,
-    /// The file: JPEG, or PNG where the background is transparent.
-    pub file: Encoded,
-}
-
-/// What came of a render.
-#[derive(Debug)]
-pub struct Outcome {
-    /// Scene-linear picture, from which every format is made.
-    pub picture: Arc<Picture>,
-    /// What is known of each pixel besides.
-    pub aovs: Aovs,
-    /// Its facts.
-    pub report: Report,
-    /// The file in the format of the request.
-    pub file: Encoded,
-}
-
-/// A job. Its state changes only through [`Job::start`], [`Job::succeed`], [`Job::fail`] and [`Job::cancel`].
-#[derive(Debug)]
-pub struct Job {
-    /// `job-...`; ids sort by age.
+/// What a job is, for as long as it is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spec {
+    /// Counts the jobs of this ledger.
+    pub number: i64,
+    /// The client's, or `job-...`.
     pub id: String,
+    /// The client's `Idempotency-Key`.
+    pub key: Option<String>,
+    /// When it was accepted: milliseconds since 1970.
+    pub created: i64,
     /// Id of the scene.
     pub scene: String,
+    /// Id of the environment's picture.
+    pub image: Option<String>,
     /// Parameters.
     pub params: RenderParams,
     /// -100 to 100.
     pub priority: i32,
-    /// When it was accepted.
+    /// Who sent it: clients share the device evenly.
+    pub client: String,
+    /// Whether it ends with the request that waits for it.
+    pub attended: bool,
+    /// What the picture depends on, hashed.
+    pub content: String,
+}
+
+impl Spec {
+    /// Whether this is what the other asks for, so that one job will do.
+    pub fn asks_the_same(&self, other: &Self) -> bool {
+        (&self.scene, &self.image, &self.params, self.priority)
+            == (&other.scene, &other.image, &other.params, other.priority)
+    }
+}
+
+/// An event on its way to the ledger. If it never gets there, nobody is to wait for it.
+struct Pending {
+    id: u64,
+    log: Arc<EventLog>,
+    is_written: bool,
+}
+
+impl Pending {
+    fn written(mut self) {
+        self.is_written = true;
+        self.log.publish(self.id);
+    }
+}
+
+impl Drop for Pending {
+    fn drop(&mut self) {
+        if !self.is_written {
+            self.log.close();
+        }
+    }
+}
+
+/// A job. Its state changes only through [`Job::start`], [`Job::succeed`], [`Job::fail`], [`Job::cancel`] and
+/// [`Job::requeue`]. Each change goes to the ledger in the same order; [`Job::settled`] waits for it.
+#[derive(Debug)]
+pub struct Job {
+    /// What it is.
+    pub spec: Arc<Spec>,
+    /// Since when this process knows it.
     pub accepted: Instant,
     /// News.
-    pub events: EventLog,
-    created: SystemTime,
+    pub events: Arc<EventLog>,
+    ledger: Ledger,
+    meters: Arc<Meters>,
     live: Mutex<Live>,
 }
 
 #[derive(Debug)]
 struct Live {
     state: State,
-    order: Option<Order>,
     progress: Progress,
     preview: Option<Preview>,
     preview_wanted: bool,
@@ -90,28 +111,50 @@ struct Live {
     problem: Option<Problem>,
 }
 
-impl Job {
-    /// An accepted job.
-    pub fn new(id: String, order: Order) -> Self {
-        let events = EventLog::new();
-        events.push(EventKind::Queued, json!({ "job": id }));
+impl Live {
+    fn new(state: State) -> Self {
         Self {
-            id,
-            scene: order.scene.id.clone(),
-            params: order.params.clone(),
-            priority: order.priority,
+            state,
+            progress: Progress::default(),
+            preview: None,
+            preview_wanted: false,
+            outcome: None,
+            problem: None,
+        }
+    }
+}
+
+impl Job {
+    /// A job that is to be accepted: the ledger has to take the change.
+    pub fn new(spec: Spec, ledger: Ledger, meters: Arc<Meters>) -> (Self, Change) {
+        let events = EventLog::new([], 0);
+        let queued = events.push(EventKind::Queued, json!({ "job": spec.id }));
+        let spec = Arc::new(spec);
+        let change = Change::Job(Arc::clone(&spec), queued);
+        let (accepted, live) = (Instant::now(), Mutex::new(Live::new(State::Queued)));
+        (Self { spec, accepted, events: Arc::new(events), ledger, meters, live }, change)
+    }
+
+    /// A job of the ledger.
+    pub fn restored(restored: Restored, ledger: Ledger, meters: Arc<Meters>) -> Self {
+        let Restored { spec, state, outcome, problem, mut events, last_event, film: _ } = restored;
+        // The pictures of an unfinished render were those of the process before.
+        events.retain(|event| event.kind != EventKind::Preview);
+        let mut live = Live::new(state);
+        let progress = events.iter().rev().find(|event| event.kind == EventKind::Progress);
+        live.progress = match &outcome {
+            Some(outcome) => Progress::of(outcome),
+            None => progress.and_then(|event| serde_json::from_value(event.data.clone()).ok()).unwrap_or_default(),
+        };
+        live.outcome = outcome.map(Arc::new);
+        live.problem = problem;
+        Self {
+            spec: Arc::new(spec),
             accepted: Instant::now(),
-            events,
-            created: SystemTime::now(),
-            live: Mutex::new(Live {
-                state: State::Queued,
-                order: Some(order),
-                progress: Progress::default(),
-                preview: None,
-                preview_wanted: false,
-                outcome: None,
-                problem: None,
-            }),
+            events: Arc::new(EventLog::new(events, last_event)),
+            ledger,
+            meters,
+            live: Mutex::new(live),
         }
     }
 
@@ -125,59 +168,66 @@ impl Job {
         self.state().is_over()
     }
 
-    /// The order, once: whoever takes it does the work, and a job that is over holds no scene.
-    pub fn take_order(&self) -> Option<Order> {
-        self.live().order.take()
-    }
-
     /// The device begins; false if the job is over.
     pub fn start(&self, device: &str) -> bool {
-        self.change_to(State::Running, |_| (EventKind::Started, json!({ "device": device })))
+        self.change_to(State::Running, |_| (EventKind::Started, json!({ "device": device }), Standing::Running))
     }
 
-    /// The picture is there; false if the job is over.
-    pub fn succeed(&self, outcome: Outcome) -> bool {
-        let data = json!({ "result": format!("/v1/jobs/{}/result", self.id), "report": outcome.report });
+    /// The work has to begin anew, or from the film that was saved: the server has restarted.
+    pub fn requeue(&self) -> bool {
+        self.change_to(State::Queued, |_| {
+            (EventKind::Queued, json!({ "job": self.spec.id, "again": true }), Standing::Queued)
+        })
+    }
+
+    /// The picture is there; false if the job is over. `cached`: it had been made for another job.
+    pub fn succeed(&self, outcome: Arc<Outcome>, cached: bool) -> bool {
+        let result = format!("/v1/jobs/{}/result", self.spec.id);
+        let data = json!({ "result": result, "report": outcome.record.report, "cached": cached });
         self.change_to(State::Succeeded, |live| {
-            live.progress = Progress {
-                fraction: 1.0,
-                samples: outcome.report.samples,
-                error: outcome.report.error,
-                error_bound_95: outcome.report.error_bound_95,
-                eta_seconds: Some(0.0),
-            };
-            live.outcome = Some(Arc::new(outcome));
-            (EventKind::Completed, data)
+            live.progress = Progress::of(&outcome);
+            live.outcome = Some(Arc::clone(&outcome));
+            (EventKind::Completed, data, Standing::Succeeded(outcome))
         })
     }
 
     /// A fault ends it; false if the job is over.
     pub fn fail(&self, problem: Problem) -> bool {
         self.change_to(State::Failed, |live| {
-            let data = json!(problem);
-            live.problem = Some(problem);
-            (EventKind::Failed, data)
+            live.problem = Some(problem.clone());
+            (EventKind::Failed, json!(problem), Standing::Failed(problem))
         })
     }
 
     /// Someone ends it; false if the job is over.
     pub fn cancel(&self) -> bool {
-        self.change_to(State::Cancelled, |_| (EventKind::Cancelled, json!({})))
+        self.change_to(State::Cancelled, |_| (EventKind::Cancelled, json!({}), Standing::Cancelled))
     }
 
-    fn change_to(&self, next: State, change: impl FnOnce(&mut Live) -> (EventKind, Value)) -> bool {
+    fn change_to(&self, next: State, change: impl FnOnce(&mut Live) -> (EventKind, Value, Standing)) -> bool {
         let mut live = self.live();
         if !live.state.may_become(next) {
             return false;
         }
         live.state = next;
         if next.is_over() {
-            live.order = None;
             live.preview = None;
+            self.meters.end(next);
+            let took = self.accepted.elapsed().as_millis() as u64;
+            let Spec { id, client, scene, .. } = self.spec.as_ref();
+            tracing::info!(job = %id, %client, %scene, state = next.name(), ms = took, "job over");
         }
-        let (kind, data) = change(&mut live);
-        self.events.push(kind, data);
+        let (kind, data, standing) = change(&mut live);
+        // Still under the lock, so that the ledger has the changes in their order.
+        self.tell(kind, data, Some(standing));
         true
+    }
+
+    /// Notes an event, which is published once the ledger has it.
+    fn tell(&self, kind: EventKind, data: Value, standing: Option<Standing>) {
+        let event = self.events.push(kind, data);
+        let pending = Pending { id: event.id, log: Arc::clone(&self.events), is_written: false };
+        self.ledger.record(Change::Event { job: self.spec.number, event, standing }, move || pending.written());
     }
 
     /// Notes how far the render is.
@@ -185,7 +235,7 @@ impl Job {
         let mut live = self.live();
         if live.state == State::Running {
             live.progress = progress;
-            self.events.push(EventKind::Progress, json!(progress));
+            self.tell(EventKind::Progress, json!(progress), None);
         }
     }
 
@@ -194,10 +244,10 @@ impl Job {
         let mut live = self.live();
         if live.state == State::Running {
             let number = live.preview.as_ref().map_or(1, |preview| preview.number + 1);
-            let url = format!("/v1/jobs/{}/preview?n={number}", self.id);
+            let url = format!("/v1/jobs/{}/preview?n={number}", self.spec.id);
             live.preview = Some(Preview { number, file });
             live.preview_wanted = false;
-            self.events.push(EventKind::Preview, json!({ "n": number, "samples": samples, "url": url }));
+            self.tell(EventKind::Preview, json!({ "n": number, "samples": samples, "url": url }), None);
         }
     }
 
@@ -223,38 +273,36 @@ impl Job {
         self.live().problem.clone()
     }
 
-    /// Memory of the result.
-    pub fn result_bytes(&self) -> u64 {
-        self.outcome().map_or(0, |outcome| {
-            let picture = size_of_val(outcome.picture.pixels.as_slice());
-            (picture + outcome.aovs.bytes() + outcome.file.bytes.len()) as u64
-        })
+    /// Waits until the ledger has all that has happened so far: what is told then is true after a restart too.
+    pub async fn settled(&self) {
+        self.events.settled().await;
     }
 
-    /// Waits until the job is over.
+    /// Waits until the job is over and the ledger knows.
     pub async fn finished(&self) {
         let mut news = self.events.subscribe();
         while !self.is_over() {
             // The sender lives in `self`, so this cannot fail.
             let _ = news.changed().await;
         }
+        self.settled().await;
     }
 
     /// Everything that a client may know.
     pub fn describe(&self, queue_position: Option<usize>) -> Value {
-        let live = self.live();
-        let created = self.created.duration_since(UNIX_EPOCH).unwrap_or_default();
-        let link = |part: &str| format!("/v1/jobs/{}{part}", self.id);
+        let (live, spec) = (self.live(), &self.spec);
+        let created = Duration::from_millis(spec.created.unsigned_abs());
+        let link = |part: &str| format!("/v1/jobs/{}{part}", spec.id);
         json!({
-            "id": self.id,
+            "id": spec.id,
             "state": live.state,
-            "scene": self.scene,
-            "priority": self.priority,
+            "scene": spec.scene,
+            "priority": spec.priority,
             "created_unix": seconds(created),
-            "params": self.params,
+            "params": spec.params,
             "queue_position": queue_position,
             "progress": live.progress,
-            "report": live.outcome.as_ref().map(|outcome| &outcome.report),
+            "report": live.outcome.as_ref().map(|outcome| &outcome.record.report),
             "problem": live.problem,
             "links": {
                 "self": link(""),

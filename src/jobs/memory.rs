@@ -37,6 +37,11 @@ impl Budget {
         Self { limit, used: Arc::default() }
     }
 
+    /// Bytes that are taken.
+    pub fn used(&self) -> u64 {
+        self.used.load(Ordering::Acquire)
+    }
+
     /// Takes a part if there is room. What alone is over the limit has to wait until nothing else is held.
     pub fn claim(&self, bytes: u64) -> Option<Claim> {
         let fits =

@@ -3,7 +3,8 @@
 use crate::compile::CompileError;
 use crate::params::FieldError;
 use crate::scene::{SceneError, SceneErrorKind};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// Writes the table of codes once: name, identifier, HTTP status, title.
 macro_rules! codes {
@@ -37,6 +38,8 @@ macro_rules! codes {
 }
 
 codes! {
+    /// A page of another site sent the request.
+    CrossSite = "cross_site", 403, "Requests from other sites are refused";
     /// The request line, a header or the query cannot be read.
     BadRequest = "bad_request", 400, "The request cannot be read";
     /// A list is to go on at a place that is not there.
@@ -69,6 +72,8 @@ codes! {
     JobCancelled = "job_cancelled", 409, "The job was cancelled";
     /// The job is over, so it cannot be cancelled.
     JobOver = "job_over", 409, "The job is already over";
+    /// A job of the same id is there, and is another one.
+    JobConflict = "job_conflict", 409, "There is another job of this id";
     /// The body is larger than the server reads.
     PayloadTooLarge = "payload_too_large", 413, "The body is too large";
     /// The body is of a type that the route does not read.
@@ -77,6 +82,8 @@ codes! {
     InvalidParams = "invalid_params", 422, "The parameters are not valid";
     /// Valid, but beyond a limit of this server.
     LimitExceeded = "limit_exceeded", 422, "The request is beyond a limit of this server";
+    /// The key was used with another request.
+    IdempotencyMismatch = "idempotency_mismatch", 422, "The idempotency key belongs to another request";
     /// The image cannot be decoded.
     InvalidImage = "invalid_image", 422, "The image cannot be read";
     /// The scene does not fit the device or the memory of a job.
@@ -87,25 +94,27 @@ codes! {
     QueueFull = "queue_full", 503, "The queue is full";
     /// The server is shutting down.
     ShuttingDown = "shutting_down", 503, "The server is shutting down";
+    /// The disk cannot be written, or has lost what was on it.
+    StorageUnavailable = "storage_unavailable", 503, "The server's storage is at fault";
     /// The graphics device is lost and did not come back.
     DeviceUnavailable = "device_unavailable", 503, "The graphics device is not available";
 }
 
 /// A fault as the client sees it (RFC 9457), without the request's id.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Problem {
     /// Link to what the code means.
-    pub r#type: String,
+    pub r#type: Box<str>,
     /// Summary of the code.
-    pub title: &'static str,
+    pub title: Box<str>,
     /// HTTP status.
     pub status: u16,
     /// Stable identifier.
-    pub code: &'static str,
+    pub code: Cow<'static, str>,
     /// What, why, how to fix.
     pub detail: String,
     /// Places at fault.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub errors: Vec<FieldError>,
     /// Seconds after which a retry may help.
     #[serde(skip)]
@@ -131,10 +140,10 @@ impl Problem {
 
     fn build(code: &'static str, status: u16, title: &'static str, detail: String) -> Self {
         Self {
-            r#type: format!("/docs/errors#{code}"),
-            title,
+            r#type: format!("/docs/errors#{code}").into(),
+            title: title.into(),
             status,
-            code,
+            code: code.into(),
             detail,
             errors: Vec::new(),
             retry_after: None,

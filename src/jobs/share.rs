@@ -13,6 +13,11 @@ pub fn weight(priority: i32) -> f64 {
     (f64::from(priority) / 25.0).exp2()
 }
 
+/// Part of a client's share that each of its renders under way gets: clients are served evenly, however many jobs each has.
+pub fn part(renders_of_client: usize) -> f64 {
+    1.0 / renders_of_client.max(1) as f64
+}
+
 /// Rank of a render under way; the lowest gets the next slice. Least attained service first (what has had
 /// little of the device is likely to end soon), but before all who has waited too long.
 pub fn slice_rank(attained: Duration, since_last_slice: Duration, weight: f64) -> f64 {
@@ -89,6 +94,14 @@ mod tests {
         let slices = deal(&[(Duration::ZERO, weight(0)), (Duration::ZERO, weight(50))], 500);
         let ratio = f64::from(slices[1]) / f64::from(slices[0]);
         assert!((3.5..4.5).contains(&ratio), "{ratio}");
+    }
+
+    #[test]
+    fn a_client_with_three_renders_gets_as_much_as_a_client_with_one() {
+        let many = (Duration::ZERO, weight(0) * part(3));
+        let slices = deal(&[(Duration::ZERO, weight(0) * part(1)), many, many, many], 600);
+        let others = slices[1] + slices[2] + slices[3];
+        assert!(slices[0].abs_diff(others) < 30, "{slices:?}");
     }
 
     #[test]

@@ -19,15 +19,28 @@ pub enum State {
 }
 
 impl State {
+    /// All there are.
+    pub const ALL: [Self; 5] = [Self::Queued, Self::Running, Self::Succeeded, Self::Failed, Self::Cancelled];
+
     /// Whether a job may go from this state to `next`.
     pub fn may_become(self, next: Self) -> bool {
         use State::{Cancelled, Failed, Queued, Running, Succeeded};
-        matches!((self, next), (Queued, Running | Failed | Cancelled) | (Running, Succeeded | Failed | Cancelled))
+        match self {
+            // Success at once: the result was there. Queued again: the server has restarted.
+            Queued => matches!(next, Running | Succeeded | Failed | Cancelled),
+            Running => matches!(next, Queued | Succeeded | Failed | Cancelled),
+            Succeeded | Failed | Cancelled => false,
+        }
     }
 
     /// Whether nothing can follow.
     pub fn is_over(self) -> bool {
         matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
+    }
+
+    /// The state of that name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| state.name() == name)
     }
 
     /// Name, as in JSON.
@@ -44,20 +57,17 @@ impl State {
 
 #[cfg(test)]
 mod tests {
-    use super::State::{Cancelled, Failed, Queued, Running, Succeeded};
+    use super::State;
 
     #[test]
     fn what_is_over_stays_as_it_is() {
-        let all = [Queued, Running, Succeeded, Failed, Cancelled];
-        for from in all {
-            assert_eq!(from.is_over(), all.iter().all(|to| !from.may_become(*to)), "{from:?}");
+        for from in State::ALL {
+            assert_eq!(from.is_over(), State::ALL.iter().all(|to| !from.may_become(*to)), "{from:?}");
         }
     }
 
     #[test]
-    fn success_comes_only_from_running() {
-        assert!(Running.may_become(Succeeded));
-        assert!(!Queued.may_become(Succeeded));
-        assert!(!Running.may_become(Queued));
+    fn names_are_read_back() {
+        assert!(State::ALL.iter().all(|state| State::from_name(state.name()) == Some(*state)));
     }
 }

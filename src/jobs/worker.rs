@@ -1,40 +1,47 @@
 //! The thread that owns the device: it picks whose turn it is, traces one slice, and looks around again.
 
+use super::active::{Active, Before};
 use super::finish::{self, Ended};
 use super::job::Job;
 use super::memory::{Budget, Claim};
+use super::meters::Meters;
 use super::problem::{Code, Problem};
-use super::progress::{Progress, seconds};
+use super::progress::seconds;
+use super::saved::{Origin, SavedFilm};
 use super::share::{self, Pace};
+use super::storage::Storage;
 use super::table::Table;
 use crate::film::Film;
-use crate::params::{ImageFormat, Mode};
-use crate::render::forecast::Forecast;
+use crate::params::Mode;
 use crate::render::prepare::Prepared;
 use crate::render::report::Stages;
 use crate::render::{Engine, Render, RenderError, StopReason, Work};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
+use tokio::sync::{Notify, oneshot};
 
 /// Makes an engine, on the thread that will own it; again after the device was lost.
 pub type EngineFactory = Box<dyn Fn() -> Result<Box<dyn Engine>, RenderError> + Send>;
 
-/// Shortest time between two previews, and between two progress events, of one job.
-const PREVIEW_PERIOD: Duration = Duration::from_millis(500);
-
-/// Part of the time that previews may take: 1 in 10.
-const PREVIEW_SHARE: u32 = 10;
-
 /// How often one job may meet a lost device.
 const LOSSES: u32 = 3;
+
+/// What the worker is told.
+pub(super) enum Message {
+    /// A job is compiled.
+    Ready(Box<Ready>),
+    /// The server ends: save what has been made, answer, and do no more.
+    Suspend(oneshot::Sender<()>),
+}
 
 /// A compiled job that waits for a place.
 pub(super) struct Ready {
     pub job: Arc<Job>,
     pub prepared: Prepared,
+    /// What an earlier process had made of it.
+    pub saved: Option<SavedFilm>,
     pub stages: Stages,
     /// Since when it could have had a place.
     pub since: Instant,
@@ -42,28 +49,20 @@ pub(super) struct Ready {
     pub bytes: u64,
 }
 
-/// A render under way.
-struct Active {
-    ready: Ready,
-    render: Box<dyn Render>,
-    claim: Claim,
-    expected: Duration,
-    forecast: Forecast,
-    started: Instant,
-    last_slice: Instant,
-    attained: Duration,
-    next_news: Instant,
-    /// Whether a preview is being encoded.
-    drawing: Arc<AtomicBool>,
-    losses: u32,
-}
-
 /// What the worker shares with the rest of the service.
 pub(super) struct Shared {
     pub table: Arc<Table>,
     pub budget: Budget,
+    pub meters: Arc<Meters>,
     pub places: usize,
     pub render_time: Duration,
+    /// Time between two savings of an unfinished film; none: films are not saved.
+    pub save_period: Option<Duration>,
+    /// Films above so many bytes are not saved.
+    pub save_bytes: u64,
+    pub storage: Arc<Storage>,
+    /// To be told when jobs are over, so that old ones leave.
+    pub tidy: Arc<Notify>,
     pub runtime: tokio::runtime::Handle,
 }
 
@@ -74,17 +73,26 @@ pub(super) struct Worker {
     waiting: Vec<Ready>,
     active: Vec<Active>,
     pace: Pace,
+    suspended: bool,
 }
 
 impl Worker {
     /// A worker with its first engine.
     pub fn new(shared: Arc<Shared>, factory: EngineFactory) -> Result<Self, RenderError> {
         let engine = Some(factory()?);
-        Ok(Self { shared, factory, engine, waiting: Vec::new(), active: Vec::new(), pace: Pace::default() })
+        Ok(Self {
+            shared,
+            factory,
+            engine,
+            waiting: Vec::new(),
+            active: Vec::new(),
+            pace: Pace::default(),
+            suspended: false,
+        })
     }
 
     /// Works until the other end of `inbox` is gone.
-    pub fn run(mut self, inbox: &Receiver<Ready>) {
+    pub fn run(mut self, inbox: &Receiver<Message>) {
         while self.receive(inbox) {
             self.drop_what_is_over();
             self.admit();
@@ -95,18 +103,44 @@ impl Worker {
     }
 
     /// Takes what has arrived; waits if there is nothing to do. False: the service is gone.
-    fn receive(&mut self, inbox: &Receiver<Ready>) -> bool {
+    fn receive(&mut self, inbox: &Receiver<Message>) -> bool {
         if self.active.is_empty() {
             // Waiting jobs may wait for memory that ending ones still hold: look again soon.
             let patience = if self.waiting.is_empty() { Duration::from_secs(3600) } else { Duration::from_millis(5) };
             match inbox.recv_timeout(patience) {
-                Ok(ready) => self.waiting.push(ready),
+                Ok(message) => self.take(message),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return false,
             }
         }
-        self.waiting.extend(inbox.try_iter());
+        inbox.try_iter().for_each(|message| self.take(message));
         true
+    }
+
+    fn take(&mut self, message: Message) {
+        match message {
+            Message::Ready(ready) if !self.suspended => self.waiting.push(*ready),
+            Message::Ready(_) => {}
+            Message::Suspend(done) => {
+                self.suspend();
+                let _ = done.send(());
+            }
+        }
+    }
+
+    /// Saves the films of all renders under way and lets go of them: another process will go on.
+    fn suspend(&mut self) {
+        self.suspended = true;
+        self.waiting.clear();
+        for active in std::mem::take(&mut self.active) {
+            let is_saved = self.shared.save_period.is_some() && active.fits(self.shared.save_bytes);
+            if let Some(film) = active.to_save().filter(|_| is_saved) {
+                let saved = self.shared.storage.save_film(active.ready.job.spec.number, film);
+                // Without its film the job begins anew, to the same picture.
+                let _ = self.shared.runtime.block_on(saved);
+            }
+            discard(active);
+        }
     }
 
     fn drop_what_is_over(&mut self) {
@@ -132,48 +166,38 @@ impl Worker {
         if self.active.len() > self.shared.places {
             return None;
         }
+        // The client with the fewest renders under way comes first.
         let rank = |ready: &Ready| {
-            share::queue_rank(
-                self.expect(&ready.prepared.work),
-                ready.since.elapsed(),
-                share::weight(ready.job.priority),
-            )
+            let (expected, waited) = (self.expect(&ready.prepared.work), ready.since.elapsed());
+            let weight = share::weight(ready.job.spec.priority);
+            (self.renders_of(&ready.job.spec.client), share::queue_rank(expected, waited, weight))
         };
         let candidates = self.waiting.iter().enumerate();
         candidates
             .filter(|(_, ready)| !only_short || self.expect(&ready.prepared.work) <= share::SHORT)
-            .min_by(|(_, a), (_, b)| rank(a).total_cmp(&rank(b)))
+            .map(|(index, ready)| (index, rank(ready)))
+            .min_by(|(_, a), (_, b)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)))
             .map(|(index, _)| index)
+    }
+
+    fn renders_of(&self, client: &str) -> usize {
+        self.active.iter().filter(|active| active.ready.job.spec.client == client).count()
     }
 
     fn expect(&self, work: &Work) -> Duration {
         self.pace.expect(pixel_samples(work, work.settings.max_samples), work.settings.deadline)
     }
 
-    fn begin(&mut self, ready: Ready, claim: Claim) {
+    fn begin(&mut self, mut ready: Ready, claim: Claim) {
         let expected = self.expect(&ready.prepared.work);
         let now = Instant::now();
-        let mut ready = ready;
         ready.stages.queue = (seconds(ready.job.accepted.elapsed()) - ready.stages.compile).max(0.0);
-        match self.engine_begin(&ready.prepared.work, None) {
-            Ok(render) => {
+        let saved = ready.saved.take();
+        match self.go_on(&ready.prepared.work, saved) {
+            Ok((render, before)) => {
                 ready.stages.device_upload = seconds(now.elapsed());
                 if ready.job.start(&render.device().name) {
-                    let started = Instant::now();
-                    let forecast = Forecast::new(ready.prepared.work.settings);
-                    self.active.push(Active {
-                        forecast,
-                        ready,
-                        render,
-                        claim,
-                        expected,
-                        started,
-                        last_slice: started,
-                        attained: Duration::ZERO,
-                        next_news: started,
-                        drawing: Arc::default(),
-                        losses: 0,
-                    });
+                    self.active.push(Active::new(ready, render, claim, expected, &before, &self.shared));
                 }
             }
             Err(Fault::Render(RenderError::DeviceLost(detail))) => {
@@ -182,6 +206,27 @@ impl Worker {
             }
             Err(fault) => self.fail(&ready.job, fault.into()),
         }
+    }
+
+    /// Begins a render with what was saved of it, if that is of this device and version.
+    fn go_on(&mut self, work: &Work, saved: Option<SavedFilm>) -> Result<(Box<dyn Render>, Before), Fault> {
+        let Some(saved) = saved else { return Ok((self.engine_begin(work, None)?, Before::default())) };
+        let (width, height) = (work.view.width, work.view.height);
+        let SavedFilm { film, origin, attained, spent } = saved;
+        if (film.width(), film.height()) == (width, height) {
+            let left = work.settings.deadline.map(|deadline| deadline.saturating_sub(attained));
+            let mut rest = work.clone();
+            rest.settings.deadline = left;
+            let render = self.engine_begin(&rest, Some(film))?;
+            if Origin::of(render.device()) == origin {
+                return Ok((render, Before { attained, spent }));
+            }
+            let _ = guarded(|| {
+                drop(render);
+                Ok(())
+            });
+        }
+        Ok((self.engine_begin(work, None)?, Before::default()))
     }
 
     fn engine_begin(&mut self, work: &Work, film: Option<Film>) -> Result<Box<dyn Render>, Fault> {
@@ -198,7 +243,8 @@ impl Worker {
 
     fn whose_turn(&self) -> Option<usize> {
         let rank = |active: &Active| {
-            let weight = share::weight(active.ready.job.priority);
+            let spec = &active.ready.job.spec;
+            let weight = share::weight(spec.priority) * share::part(self.renders_of(&spec.client));
             share::slice_rank(active.attained, active.last_slice.elapsed(), weight)
         };
         let ranked = self.active.iter().enumerate().map(|(index, active)| (index, rank(active)));
@@ -213,7 +259,10 @@ impl Worker {
         active.attained += active.last_slice - begun;
         match stepped {
             Ok(None) if active.is_late(self.shared.render_time) => self.end(turn, StopReason::Deadline),
-            Ok(None) => active.tell(&self.shared.runtime),
+            Ok(None) => {
+                active.tell(&self.shared.runtime);
+                active.save_if_due(&self.shared);
+            }
             Ok(Some(reason)) => self.end(turn, reason),
             Err(Fault::Render(RenderError::DeviceLost(_))) => self.recover(),
             Err(fault) => {
@@ -250,13 +299,14 @@ impl Worker {
             cut_by_server: cut,
             claim,
         };
-        let table = Arc::clone(&self.shared.table);
-        self.shared.runtime.spawn_blocking(move || finish::finish(ended, &table));
+        let shared = Arc::clone(&self.shared);
+        self.shared.runtime.spawn_blocking(move || finish::finish(ended, &shared));
     }
 
     /// The device is lost, and with it every render: makes a new one and goes on from the films.
     fn recover(&mut self) {
         self.engine = None;
+        self.shared.meters.lost.inc();
         for mut active in std::mem::take(&mut self.active) {
             active.losses += 1;
             let Ok(film) = guarded(|| Ok(active.render.into_film())) else {
@@ -277,57 +327,8 @@ impl Worker {
 
     fn fail(&self, job: &Job, problem: Problem) {
         if job.fail(problem) {
-            self.shared.table.retire(job);
+            self.shared.tidy.notify_one();
         }
-    }
-}
-
-impl Active {
-    /// Whether the wall time that the request or the server allows is over. A render with no sample yet goes on.
-    fn is_late(&self, render_time: Duration) -> bool {
-        let allowed =
-            self.ready.prepared.work.settings.deadline.map_or(render_time, |deadline| deadline.min(render_time));
-        self.started.elapsed() >= allowed && self.render.film().samples() > 0
-    }
-
-    /// Tells those who listen how far the render is, and shows it to those who look.
-    fn tell(&mut self, runtime: &tokio::runtime::Handle) {
-        let begun = Instant::now();
-        if begun < self.next_news {
-            return;
-        }
-        let job = &self.ready.job;
-        let film = self.render.film();
-        let fraction = self.render.progress().clamp(0.0, 1.0);
-        let samples = film.samples();
-        let error = film.error();
-        if let Some(error) = error {
-            self.forecast.look(fraction, error.upper_bound_95);
-        }
-        let left = self.forecast.left(fraction, self.started.elapsed()).unwrap_or(self.expected);
-        job.advance(Progress {
-            fraction,
-            samples,
-            error: error.map(|error| error.relative_rms),
-            error_bound_95: error.map(|error| error.upper_bound_95),
-            eta_seconds: Some(seconds(left)),
-        });
-        if samples > 0 && job.wants_preview() && !self.drawing.swap(true, Ordering::AcqRel) {
-            let picture = film.picture();
-            let (job, drawing) = (Arc::clone(job), Arc::clone(&self.drawing));
-            runtime.spawn_blocking(move || {
-                let mut params = job.params.clone();
-                params.output.bits = 8;
-                let format = if params.output.transparent { ImageFormat::Png } else { ImageFormat::Jpeg };
-                if let Ok(file) = finish::encode(&picture, &params, format, &[]) {
-                    job.show(file, samples);
-                }
-                drawing.store(false, Ordering::Release);
-            });
-        }
-        // A first picture soon, then fewer; and never so many that they slow the render down.
-        let period = if samples > 0 { PREVIEW_PERIOD } else { Duration::from_millis(50) };
-        self.next_news = begun + period.max(begun.elapsed() * PREVIEW_SHARE);
     }
 }
 

@@ -14,7 +14,7 @@ const MAX_STOPS: f32 = 64.0;
 const MAX_FILTER_RADIUS: f32 = 8.0;
 
 /// One fault of one field.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, serde::Serialize, serde::Deserialize)]
 #[error("{pointer}: {detail}")]
 pub struct FieldError {
     /// JSON pointer, like `/params/width`.

@@ -77,7 +77,7 @@ fn faults_of_form(value: &Value, place: &str, faults: &mut Vec<String>) {
     let above = place.rsplit('/').next().unwrap_or_default();
     for (name, child) in children {
         let below = format!("{place}/{name}");
-        let kind = if ["get", "post", "delete"].contains(&name.as_str()) { "operations" } else { above };
+        let kind = if ["get", "post", "put", "delete"].contains(&name.as_str()) { "operations" } else { above };
         // Within a schema these are names of properties.
         let in_schema = place.contains("/schemas/") || place.contains("/schema/");
         if !in_schema
@@ -174,7 +174,15 @@ fn replies_have_the_shapes_that_are_promised() {
     );
     check("post", "/v1/render", &server.post("/v1/render?width=0", "model/gltf-binary", &triangle()));
     check("post", "/v1/render", &server.post("/v1/render", "text/plain", b"a"));
-    for path in ["/v1/limits", "/healthz", "/readyz"] {
+    let named = server.send("PUT", "/v1/jobs/mine", &[("content-type", "application/json")], b"{}");
+    check("put", "/v1/jobs/{id}", &named);
+    let body = json!({ "scene": scene, "params": tiny() }).to_string();
+    let named = server.send("PUT", "/v1/jobs/mine", &[("content-type", "application/json")], body.as_bytes());
+    check("put", "/v1/jobs/{id}", &named);
+    let foreign = [("content-type", "application/json"), ("origin", "https://elsewhere.example")];
+    check("put", "/v1/jobs/{id}", &server.send("PUT", "/v1/jobs/mine", &foreign, body.as_bytes()));
+    check("delete", "/v1/scenes/{id}", &server.send("DELETE", "/v1/scenes/none", &foreign, &[]));
+    for path in ["/v1/limits", "/healthz", "/readyz", "/metrics"] {
         check("get", path, &server.get(path));
     }
 }

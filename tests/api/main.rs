@@ -3,7 +3,9 @@
 //! Pictures are traced by the real engine; with `CANDELA_TEST_ENGINE=test` by a small one of the tests, which needs no
 //! adapter. What goes wrong on a device is always played by the latter.
 
+mod connections;
 mod contract;
+mod durable;
 mod engine;
 mod events;
 mod faults;

@@ -230,3 +230,53 @@ fn scenes_beyond_the_arithmetic_are_refused() {
         assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("scale it")), "{problem}");
     }
 }
+
+/// The triangle below a chain of so many nodes; `back`: the last is the parent of the first.
+fn chain(nodes: usize, back: bool) -> Vec<u8> {
+    let text = crate::support::triangle_text("x").replace(", \"uri\": \"x\"", "");
+    let mut document: Value = serde_json::from_str(&text).expect("JSON");
+    let node = |index: usize| match index + 1 {
+        next if next < nodes => json!({ "children": [next] }),
+        _ if back => json!({ "mesh": 0, "children": [0] }),
+        _ => json!({ "mesh": 0 }),
+    };
+    document["nodes"] = (0..nodes).map(node).collect();
+    crate::support::glb(&document.to_string(), &crate::support::vertices())
+}
+
+#[test]
+fn deep_and_cyclic_hierarchies() {
+    let server = limited(Limits { node_depth: 50, nodes: 100, ..Limits::default() });
+    let post = |glb: &[u8]| server.post("/v1/scenes", "model/gltf-binary", glb);
+    assert_eq!(post(&chain(50, false)).status, 201);
+    post(&chain(51, false)).problem(413, "node_depth");
+    post(&chain(101, false)).problem(413, "nodes");
+    let problem = post(&chain(20, true));
+    assert!([400, 422].contains(&problem.status), "{problem:?}");
+    // What the stack would not hold, if anything were recursive.
+    let server = limited(Limits { node_depth: 100_000, nodes: 100_000, ..Limits::default() });
+    let id = server.post("/v1/scenes", "model/gltf-binary", &chain(100_000, false)).json()["id"].clone();
+    let job = server.begin(id.as_str().expect("an id"), &tiny());
+    server.wait_for(&job, &["succeeded"]);
+}
+
+#[test]
+fn archives_that_unpack_to_too_much() {
+    let zip = |zeros: usize| {
+        let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        for (name, bytes) in [("a.glb", triangle()), ("zeros", vec![0; zeros])] {
+            archive.start_file(name, zip::write::SimpleFileOptions::default()).expect("an entry");
+            archive.write_all(&bytes).expect("memory");
+        }
+        archive.finish().expect("an archive").into_inner()
+    };
+    let server = limited(Limits { decompressed_bytes: 4 << 20, ..Limits::default() });
+    let post = |zip: &[u8]| server.post("/v1/scenes", "application/zip", zip);
+    // The first MiB is free of the ratio's limit.
+    assert_eq!(post(&zip(1_000_000)).status, 201);
+    post(&zip(2 << 20)).problem(413, "zip_inflated");
+    let server = limited(Limits { decompressed_bytes: 4 << 20, decompression_ratio: 2000, ..Limits::default() });
+    let post = |zip: &[u8]| server.post("/v1/scenes", "application/zip", zip);
+    assert_eq!(post(&zip(2 << 20)).status, 201);
+    post(&zip(5 << 20)).problem(413, "zip_inflated");
+}

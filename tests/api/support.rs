@@ -6,6 +6,7 @@ use candela::http;
 use candela::jobs::{EngineFactory, Service};
 use serde_json::{Value, json};
 use std::net::SocketAddr;
+use std::path::Path;
 use std::sync::Mutex;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -28,13 +29,19 @@ impl Server {
 
     /// `patience`: time that jobs get to finish at the end.
     pub fn with(limits: Limits, factory: EngineFactory, patience: Duration) -> Self {
+        Self::in_folder(None, limits, factory, patience)
+    }
+
+    /// With a data folder.
+    pub fn in_folder(folder: Option<&Path>, limits: Limits, factory: EngineFactory, patience: Duration) -> Self {
+        let folder = folder.map(Path::to_owned);
         let (stop, stopped) = oneshot::channel();
         let (tell, told) = std::sync::mpsc::channel();
         let thread = std::thread::spawn(move || {
             let runtime = tokio::runtime::Runtime::new().expect("a runtime");
             runtime.block_on(async move {
                 let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a free port");
-                let service = Service::start(limits, factory).await.expect("an engine");
+                let service = Service::start_in(folder.as_deref(), limits, factory).await.expect("an engine");
                 tell.send(listener.local_addr().expect("an address")).expect("the test waits");
                 let shutdown = async {
                     let _ = stopped.await;

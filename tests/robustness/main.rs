@@ -1,8 +1,10 @@
-//! Bad and odd scenes: a clear error or a scene, never a panic or a hang.
+//! Bad and odd scenes: a clear error or a scene, never a panic or a hang; and servers that are killed.
 
 mod assets;
 mod invalid;
+mod kills;
 mod mutations;
+mod server;
 
 use candela::scene::{Limits, Package, Scene, SceneError, import};
 use std::path::{Path, PathBuf};

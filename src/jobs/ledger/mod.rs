@@ -1,0 +1,198 @@
+//! What the service must not forget, in SQLite: one thread owns the connection, and writes what has gathered in one
+//! transaction. After a change was confirmed it survives the end of the process and the loss of power.
+
+mod audit;
+mod change;
+mod read;
+mod retention;
+mod schema;
+
+pub use audit::audit;
+pub use change::{Change, Standing};
+pub use read::{Restored, ScenePage, SceneRow, jobs, next_number, offers_image, offers_scene, scene, scenes};
+pub use retention::{Kept, Leaving, known_blobs, unused_blobs};
+
+use rusqlite::{Connection, ErrorCode};
+use std::path::Path;
+use std::sync::mpsc;
+use std::time::Duration;
+use tokio::sync::oneshot;
+
+/// Changes of one transaction, at the most.
+const BATCH: usize = 256;
+
+/// Pause after the medium was at fault (a full disk, say), until the same changes are tried again.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// Why the ledger did not take a change, or cannot be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum LedgerError {
+    /// The change does not fit what is there: it names a scene that is gone, for one.
+    #[error("the change does not fit what the ledger holds: {0}")]
+    Refused(rusqlite::Error),
+    /// It cannot be opened or read.
+    #[error("the ledger cannot be read: {0}")]
+    Broken(#[from] rusqlite::Error),
+    /// It was written by a newer version.
+    #[error("the ledger has schema {found}, newer than {known} of this version")]
+    Newer {
+        /// Schema of the file.
+        found: usize,
+        /// Newest schema that this version knows.
+        known: usize,
+    },
+    /// Another process has it.
+    #[error("another server uses this folder")]
+    InUse,
+    /// Its thread has ended.
+    #[error("the ledger is closed")]
+    Closed,
+}
+
+/// What to do once a change is durable, or was refused.
+type Then = Box<dyn FnOnce(Result<(), LedgerError>) + Send>;
+
+/// A question to the ledger, on its thread.
+type Question = Box<dyn FnOnce(&Connection) + Send>;
+
+enum Command {
+    Write(Box<Change>, Then),
+    Read(Question),
+    Close(oneshot::Sender<()>),
+}
+
+/// A handle to the ledger. Cloning gives another handle to the same ledger; its thread ends with the last one.
+#[derive(Debug, Clone)]
+pub struct Ledger {
+    commands: mpsc::Sender<Command>,
+}
+
+impl Ledger {
+    /// Opens the ledger of a file, or makes it; none: one that ends with the process. Blocks.
+    pub fn open(file: Option<&Path>) -> Result<Self, LedgerError> {
+        let connection = schema::open(file)?;
+        let (commands, inbox) = mpsc::channel();
+        std::thread::spawn(move || serve(connection, &inbox));
+        Ok(Self { commands })
+    }
+
+    /// Writes a change some time soon, after all that were given before; `then` is called when it is durable.
+    pub fn record(&self, change: Change, then: impl FnOnce() + Send + 'static) {
+        let then = move |done: Result<(), LedgerError>| match done {
+            Ok(()) => then(),
+            Err(error) => tracing::error!(%error, "a change was not recorded"),
+        };
+        // The thread ends only after the last handle, so that this cannot fail.
+        let _ = self.commands.send(Command::Write(Box::new(change), Box::new(then)));
+    }
+
+    /// Writes a change after all that were given before; what it returns waits until it is durable.
+    pub fn commit(&self, change: Change) -> impl Future<Output = Result<(), LedgerError>> + Send + use<> {
+        let (tell, told) = oneshot::channel();
+        let then = move |done| {
+            let _ = tell.send(done);
+        };
+        let _ = self.commands.send(Command::Write(Box::new(change), Box::new(then)));
+        async { told.await.unwrap_or(Err(LedgerError::Closed)) }
+    }
+
+    /// Ends the ledger after all that was given before: its file is free for another process then, and later changes are not
+    /// taken.
+    pub async fn close(&self) {
+        let (tell, told) = oneshot::channel();
+        let _ = self.commands.send(Command::Close(tell));
+        let _ = told.await;
+    }
+
+    /// Asks something, after all changes that were given before.
+    pub async fn ask<T: Send + 'static>(
+        &self,
+        question: impl FnOnce(&Connection) -> rusqlite::Result<T> + Send + 'static,
+    ) -> Result<T, LedgerError> {
+        let (tell, told) = oneshot::channel();
+        let asked = move |connection: &Connection| {
+            let _ = tell.send(question(connection));
+        };
+        let _ = self.commands.send(Command::Read(Box::new(asked)));
+        Ok(told.await.map_err(|_| LedgerError::Closed)??)
+    }
+}
+
+/// The ledger's thread.
+fn serve(connection: Connection, inbox: &mpsc::Receiver<Command>) {
+    let mut batch = Vec::new();
+    while let Ok(first) = inbox.recv() {
+        for command in std::iter::once(first).chain(inbox.try_iter().take(BATCH)) {
+            match command {
+                Command::Write(change, then) => batch.push((change, then)),
+                Command::Read(question) => {
+                    write(&connection, &mut batch);
+                    question(&connection);
+                }
+                Command::Close(done) => {
+                    write(&connection, &mut batch);
+                    drop(connection);
+                    let _ = done.send(());
+                    return;
+                }
+            }
+        }
+        write(&connection, &mut batch);
+    }
+}
+
+/// Writes a batch, however long it takes, and empties it.
+fn write(connection: &Connection, batch: &mut Vec<(Box<Change>, Then)>) {
+    if batch.is_empty() {
+        return;
+    }
+    let results = loop {
+        match try_write(connection, batch) {
+            Ok(results) => break results,
+            Err(error) => {
+                tracing::error!(%error, "the ledger cannot be written; trying again");
+                std::thread::sleep(RETRY);
+            }
+        }
+    };
+    for ((_, then), result) in batch.drain(..).zip(results) {
+        then(result.map_err(LedgerError::Refused));
+    }
+}
+
+/// One transaction; a change that does not fit leaves the others as they are.
+fn try_write(connection: &Connection, batch: &[(Box<Change>, Then)]) -> rusqlite::Result<Vec<rusqlite::Result<()>>> {
+    let transaction = connection.unchecked_transaction()?;
+    let mut results = Vec::with_capacity(batch.len());
+    for (change, _) in batch {
+        transaction.execute_batch("SAVEPOINT change")?;
+        let done = change.apply(&transaction);
+        match &done {
+            Ok(()) => {}
+            Err(error) if does_not_fit(error) => transaction.execute_batch("ROLLBACK TO change")?,
+            Err(_) => return done.map(|()| results),
+        }
+        transaction.execute_batch("RELEASE change")?;
+        results.push(done);
+    }
+    transaction.commit()?;
+    Ok(results)
+}
+
+/// Whether the change is at fault rather than the medium.
+fn does_not_fit(error: &rusqlite::Error) -> bool {
+    match error {
+        rusqlite::Error::SqliteFailure(failure, _) => failure.code == ErrorCode::ConstraintViolation,
+        rusqlite::Error::QueryReturnedNoRows | rusqlite::Error::ToSqlConversionFailure(_) => true,
+        _ => false,
+    }
+}
+
+/// Milliseconds since 1970.
+pub fn now() -> i64 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+}
+
+#[cfg(test)]
+mod tests;

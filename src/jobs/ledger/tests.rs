@@ -1,0 +1,203 @@
+use super::*;
+use crate::jobs::blobs::BlobRef;
+use crate::jobs::events::{Event, EventKind};
+use crate::jobs::job::Spec;
+use crate::jobs::outcome::{Outcome, Record};
+use crate::jobs::problem::{Code, Problem};
+use crate::jobs::state::State;
+use crate::params::RenderParams;
+use serde_json::json;
+use std::sync::Arc;
+
+fn blob(id: &str, bytes: u64) -> BlobRef {
+    BlobRef { id: id.to_owned(), bytes }
+}
+
+fn spec(number: i64) -> Spec {
+    Spec {
+        number,
+        id: format!("job-{number}"),
+        key: Some(format!("key {number}")),
+        created: 1_700_000_000_123,
+        scene: "sha256-s".to_owned(),
+        image: None,
+        params: RenderParams { exposure: 0.1, target_error: Some(0.1 + 0.2), ..RenderParams::default() },
+        priority: -7,
+        client: "10.1.2.3".to_owned(),
+        attended: false,
+        content: "content".to_owned(),
+    }
+}
+
+fn event(id: u64, kind: EventKind) -> Event {
+    Event { id, kind, data: json!({ "n": id }) }
+}
+
+fn outcome(file: &str) -> Outcome {
+    let record = Record {
+        report: json!({ "samples": 4 }),
+        facts: vec![("a".to_owned(), "b".to_owned())],
+        seconds: "trace=1".to_owned(),
+        samples: 4,
+        error: Some(0.1),
+        error_bound_95: None,
+        repeatable: true,
+    };
+    Outcome { record, file: blob(file, 10), picture: blob("sha256-p", 100) }
+}
+
+fn scene(id: &str) -> Change {
+    Change::Scene { id: id.to_owned(), upload_bytes: 5, files: vec![(String::new(), blob("sha256-f", 5))] }
+}
+
+fn happens(job: i64, id: u64, kind: EventKind, standing: Option<Standing>) -> Change {
+    Change::Event { job, event: event(id, kind), standing }
+}
+
+async fn with_job(number: i64) -> Ledger {
+    let ledger = Ledger::open(None).unwrap();
+    ledger.commit(scene("sha256-s")).await.unwrap();
+    ledger.commit(Change::Job(Arc::new(spec(number)), event(1, EventKind::Queued))).await.unwrap();
+    ledger
+}
+
+async fn sound(ledger: &Ledger) {
+    assert_eq!(ledger.ask(audit).await.unwrap(), Vec::<String>::new());
+}
+
+fn all() -> Kept {
+    Kept { jobs: 100, result_bytes: 1000, upload_bytes: 1000, age: 1_000_000 }
+}
+
+#[tokio::test]
+async fn a_job_is_read_back_as_it_was_written() {
+    let ledger = with_job(3).await;
+    let changes = [
+        happens(3, 2, EventKind::Started, Some(Standing::Running)),
+        happens(3, 3, EventKind::Progress, None),
+        Change::Film { job: 3, blob: blob("sha256-film", 7) },
+        happens(3, 4, EventKind::Progress, None),
+    ];
+    for change in changes {
+        ledger.commit(change).await.unwrap();
+    }
+    let job = ledger.ask(jobs).await.unwrap().remove(0);
+    assert_eq!((job.spec, job.state, job.last_event), (spec(3), State::Running, 4));
+    assert_eq!(job.film.as_deref(), Some("sha256-film"));
+    assert_eq!(job.events.iter().map(|event| event.id).collect::<Vec<_>>(), [1, 2, 4], "progress is superseded");
+    sound(&ledger).await;
+
+    let done = Standing::Succeeded(Arc::new(outcome("sha256-r")));
+    ledger.commit(happens(3, 5, EventKind::Completed, Some(done))).await.unwrap();
+    let job = ledger.ask(jobs).await.unwrap().remove(0);
+    let found = job.outcome.unwrap();
+    assert_eq!((found.record, found.file), (outcome("sha256-r").record, blob("sha256-r", 10)));
+    assert_eq!((job.state, job.film), (State::Succeeded, None));
+    assert_eq!(ledger.ask(unused_blobs).await.unwrap(), ["sha256-film"]);
+    assert_eq!(ledger.ask(next_number).await.unwrap(), 4);
+    sound(&ledger).await;
+}
+
+#[tokio::test]
+async fn what_is_over_stays_over_and_the_rest_of_a_batch_is_written() {
+    let ledger = with_job(1).await;
+    let problem = Problem::new(Code::Internal, "a fault");
+    let first = ledger.commit(happens(1, 2, EventKind::Failed, Some(Standing::Failed(problem.clone()))));
+    let second = ledger.commit(happens(1, 3, EventKind::Cancelled, Some(Standing::Cancelled)));
+    let third = ledger.commit(scene("sha256-other"));
+    first.await.unwrap();
+    assert!(matches!(second.await, Err(LedgerError::Refused(_))));
+    third.await.unwrap();
+    let job = ledger.ask(jobs).await.unwrap().remove(0);
+    assert_eq!((job.state, job.problem), (State::Failed, Some(problem)));
+    sound(&ledger).await;
+}
+
+#[tokio::test]
+async fn an_id_of_an_event_is_never_given_out_twice() {
+    let ledger = with_job(1).await;
+    assert!(ledger.commit(happens(1, 1, EventKind::Progress, None)).await.is_err());
+}
+
+#[tokio::test]
+async fn a_job_needs_its_scene() {
+    let ledger = Ledger::open(None).unwrap();
+    let job = || Change::Job(Arc::new(spec(1)), event(1, EventKind::Queued));
+    assert!(matches!(ledger.commit(job()).await, Err(LedgerError::Refused(_))));
+    ledger.commit(scene("sha256-s")).await.unwrap();
+    ledger.commit(job()).await.unwrap();
+    assert!(matches!(ledger.commit(job()).await, Err(LedgerError::Refused(_))), "the same id again");
+}
+
+#[tokio::test]
+async fn a_scene_that_is_deleted_stays_while_a_job_needs_it() {
+    let ledger = with_job(1).await;
+    let leaving = || async { ledger.ask(|c| Leaving::choose(c, &all())).await.unwrap() };
+    ledger.commit(Change::DeleteScene("sha256-s".to_owned())).await.unwrap();
+    assert!(ledger.commit(Change::UseScene("sha256-s".to_owned())).await.is_err());
+    assert!(leaving().await.is_empty());
+    ledger.commit(happens(1, 2, EventKind::Cancelled, Some(Standing::Cancelled))).await.unwrap();
+    assert_eq!(leaving().await.scenes, ["sha256-s"]);
+    ledger.commit(Change::Forget(leaving().await)).await.unwrap();
+    assert_eq!(ledger.ask(unused_blobs).await.unwrap(), ["sha256-f"]);
+    ledger.commit(Change::DropBlobs(vec!["sha256-f".to_owned()])).await.unwrap();
+    assert!(ledger.ask(known_blobs).await.unwrap().is_empty());
+}
+
+#[tokio::test]
+async fn the_oldest_results_leave_and_what_is_shared_counts_once() {
+    let ledger = Ledger::open(None).unwrap();
+    ledger.commit(scene("sha256-s")).await.unwrap();
+    for (number, file) in [(1, "sha256-a"), (2, "sha256-b"), (3, "sha256-b")] {
+        ledger.commit(Change::Job(Arc::new(spec(number)), event(1, EventKind::Queued))).await.unwrap();
+        let done = Standing::Succeeded(Arc::new(outcome(file)));
+        ledger.commit(happens(number, 2, EventKind::Completed, Some(done))).await.unwrap();
+    }
+    let leaving = |kept: Kept| {
+        let ledger = ledger.clone();
+        async move { ledger.ask(move |c| Leaving::choose(c, &kept)).await.unwrap().jobs }
+    };
+    // Blobs of 10, 10 and 100 bytes.
+    assert!(leaving(Kept { result_bytes: 120, ..all() }).await.is_empty());
+    assert_eq!(leaving(Kept { result_bytes: 119, ..all() }).await, [1]);
+    assert_eq!(leaving(Kept { result_bytes: 0, ..all() }).await, [2, 1], "the newest stays");
+    assert_eq!(leaving(Kept { jobs: 1, ..all() }).await, [2, 1]);
+    assert_eq!(leaving(Kept { age: -1, ..all() }).await, [3, 2, 1]);
+}
+
+#[tokio::test]
+async fn a_file_has_one_owner_and_outlives_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("ledger.sqlite");
+    let ledger = Ledger::open(Some(&file)).unwrap();
+    ledger.commit(scene("sha256-s")).await.unwrap();
+    assert!(matches!(Ledger::open(Some(&file)), Err(LedgerError::InUse)));
+    ledger.close().await;
+    assert!(matches!(ledger.commit(scene("sha256-t")).await, Err(LedgerError::Closed)));
+    let again = Ledger::open(Some(&file)).unwrap();
+    assert!(again.ask(|c| scene_of(c, "sha256-s")).await.unwrap());
+}
+
+fn scene_of(c: &Connection, id: &str) -> rusqlite::Result<bool> {
+    super::scene(c, id).map(|found| found.is_some())
+}
+
+#[tokio::test]
+async fn a_newer_ledger_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("ledger.sqlite");
+    Connection::open(&file).unwrap().pragma_update(None, "user_version", 99).unwrap();
+    assert!(matches!(Ledger::open(Some(&file)), Err(LedgerError::Newer { found: 99, .. })));
+}
+
+#[tokio::test]
+async fn the_audit_sees_what_is_wrong() {
+    let ledger = with_job(1).await;
+    ledger.commit(happens(1, 2, EventKind::Completed, None)).await.unwrap();
+    ledger.commit(happens(1, 3, EventKind::Started, None)).await.unwrap();
+    ledger.ask(|c| c.execute("DELETE FROM scenes", [])).await.unwrap();
+    let faults = ledger.ask(audit).await.unwrap().join("\n");
+    for part in ["started follows Some(Succeeded)", "its events end with", "its scene is gone"] {
+        assert!(faults.contains(part), "{part}: {faults}");
+    }
+}

@@ -1,0 +1,51 @@
+//! Jobs that the process before left unfinished.
+
+use super::job::{Job, Order};
+use super::problem::{Code, Problem};
+use super::{Service, Stages};
+use std::sync::Arc;
+
+impl Service {
+    /// Goes on with the jobs of the process before.
+    pub(super) fn resume(&self, unfinished: Vec<(Arc<Job>, Option<String>)>) {
+        let count = unfinished.len();
+        for (job, film) in unfinished {
+            if job.spec.attended {
+                // The client that waited for it is gone.
+                job.cancel();
+            } else {
+                job.requeue();
+                tokio::spawn(self.clone().reopen(job, film));
+            }
+        }
+        if count > 0 {
+            tracing::info!(jobs = count, "unfinished jobs go on");
+        }
+    }
+
+    /// Reads back what a job of the process before needs.
+    async fn reopen(self, job: Arc<Job>, film: Option<String>) {
+        match self.order_again(&job).await {
+            Ok(order) => {
+                let saved = match film {
+                    Some(film) => self.core.storage.film(&film).await,
+                    None => None,
+                };
+                self.compile(job, order, saved).await;
+            }
+            Err(problem) => self.fail(&job, problem),
+        }
+    }
+
+    async fn order_again(&self, job: &Job) -> Result<Order, Problem> {
+        let spec = &job.spec;
+        let lost = || Problem::new(Code::StorageUnavailable, "the scene of this job is lost");
+        let scene = self.read_scene(&spec.scene).await?.ok_or_else(lost)?;
+        let hdri = match &spec.image {
+            Some(image) => Some(self.read_image(image).await?),
+            None => None,
+        };
+        let (params, priority) = (spec.params.clone(), spec.priority);
+        Ok(Order { scene, hdri, params, priority, stages: Stages::default() })
+    }
+}
