@@ -70,7 +70,7 @@ impl Engine for GpuEngine {
             &self.gpu,
             pipeline,
             &self.pipelines.layout,
-            &self.resources,
+            &mut self.resources,
             &scene,
             &environment,
             &work,

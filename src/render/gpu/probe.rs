@@ -62,7 +62,7 @@ impl GpuEngine {
             picks: gpu.storage("light table", bytemuck::cast_slice(&work.lighting.picks), 32)?,
             scene: self.resources.scene(&gpu, &work.scene)?,
             environment: self.resources.environment(&gpu, &work.lighting.environment)?,
-            albedo: self.resources.albedo.clone(),
+            albedo: self.resources.albedo(&gpu, &work.scene),
             gpu,
         };
         probe.gpu.fault()?;

@@ -50,7 +50,7 @@ impl GpuRender {
         gpu: &Arc<Gpu>,
         pipeline: Arc<wgpu::ComputePipeline>,
         layout: &wgpu::BindGroupLayout,
-        resources: &Resources,
+        resources: &mut Resources,
         scene: &GpuScene,
         environment: &GpuEnvironment,
         work: &Work,
@@ -88,7 +88,7 @@ impl GpuRender {
             picks: &picks,
             counters: &counters,
             environment,
-            albedo: &resources.albedo,
+            albedo: &resources.albedo(gpu, &work.scene),
             work: &list_view,
             film: &target_view,
         };

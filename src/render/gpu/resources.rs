@@ -38,8 +38,10 @@ pub struct GpuEnvironment {
 
 /// Uploads by source. A source that nobody else holds any more is dropped at the next render.
 pub struct Resources {
-    /// Binding 14.
-    pub albedo: wgpu::TextureView,
+    /// Tables of the core's lobes.
+    core_albedo: wgpu::TextureView,
+    /// The same with those of layers below, once a scene has asked for them.
+    all_albedo: Option<wgpu::TextureView>,
     scenes: Vec<(Weak<CompiledScene>, Arc<GpuScene>)>,
     environments: Vec<(Weak<Hdri>, Arc<GpuEnvironment>)>,
     no_environment: Arc<GpuEnvironment>,
@@ -48,16 +50,24 @@ pub struct Resources {
 impl Resources {
     /// The tables that every render reads.
     pub fn new(gpu: &Gpu) -> Self {
-        let table = albedo_table();
-        let mut texels = table.texels.clone();
-        texels.extend(LAYER_TABLE.iter().map(|albedo| [*albedo, 0.0]));
-        let size = (TABLE_WIDTH, texels.len() as u32 / TABLE_WIDTH, 1);
-        let albedo = texture(gpu, "albedo tables", size, wgpu::TextureFormat::Rg32Float, bytemuck::cast_slice(&texels));
+        let core_albedo = upload_albedo(gpu, &albedo_table().texels);
         let no_environment = Arc::new(GpuEnvironment {
             texels: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rgba32Float, &[0; 16]),
             cells: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rg32Float, &[0; 8]),
         });
-        Self { albedo, scenes: Vec::new(), environments: Vec::new(), no_environment }
+        Self { core_albedo, all_albedo: None, scenes: Vec::new(), environments: Vec::new(), no_environment }
+    }
+
+    /// Binding 14: what a scene's materials read.
+    pub fn albedo(&mut self, gpu: &Gpu, scene: &CompiledScene) -> wgpu::TextureView {
+        if scene.extended.is_empty() {
+            return self.core_albedo.clone();
+        }
+        let all = self.all_albedo.get_or_insert_with(|| {
+            let layers = LAYER_TABLE.iter().map(|albedo| [*albedo, 0.0]);
+            upload_albedo(gpu, &albedo_table().texels.iter().copied().chain(layers).collect::<Vec<_>>())
+        });
+        all.clone()
     }
 
     /// The scene on the device.
@@ -74,6 +84,12 @@ impl Resources {
             _ => Ok(Arc::clone(&self.no_environment)),
         }
     }
+}
+
+/// Rows of [`TABLE_WIDTH`] entries.
+fn upload_albedo(gpu: &Gpu, texels: &[[f32; 2]]) -> wgpu::TextureView {
+    let size = (TABLE_WIDTH, texels.len() as u32 / TABLE_WIDTH, 1);
+    texture(gpu, "albedo tables", size, wgpu::TextureFormat::Rg32Float, bytemuck::cast_slice(texels))
 }
 
 fn find_or_upload<S, T>(
