@@ -288,6 +288,9 @@ impl PreviewParams {
             "mode preview: nothing keeps the environment's light off a surface, and what it adds is read from spherical \
              harmonics of second order, for highlights mixed with the mirror's direction"
                 .to_owned(),
+            "mode preview: of materials only base colour, metal, roughness, normal map, emission and alpha are drawn; extensions \
+             (clear coat, sheen, transmission and others) are left out"
+                .to_owned(),
             "mode preview: transparent triangles are blended in the order of their centres, and cast shadows by chance".to_owned(),
         ];
         if self.shading != Shading::Pbr {

@@ -4,7 +4,6 @@ use super::layout::{PreviewLight, Projection};
 use crate::compile::{Bounds, PunctualKind};
 use crate::params::MAX_SHADOW_LIGHTS;
 use glam::{Vec3, Vec4};
-use std::f32::consts::FRAC_1_SQRT_2;
 
 /// Maps of all lights together, as in `shaders/preview/bindings.wesl`: six for each light that may cast shadows.
 pub const MAX_FACES: usize = 6 * MAX_SHADOW_LIGHTS as usize;
@@ -114,10 +113,10 @@ fn nearest(position: Vec3, axis: Vec3, tangent: f32, bounds: &Bounds) -> f32 {
     (by_corner.max(by_distance) / MARGIN).max(NEAREST * farthest).max(f32::MIN_POSITIVE * 1e6)
 }
 
-/// Whether some of the box may lie in a cube's face: not all corners are on the far side of one of its planes.
+/// Whether some of the box may lie in a cube's face: not all corners are behind the light or on the far side of one of its planes.
 fn sees(face: &Projection, bounds: &Bounds) -> bool {
     let [right, up, forward] = face.rows.map(Vec4::from_array);
-    let planes = [forward + right, forward - right, forward + up, forward - up].map(|plane| plane * FRAC_1_SQRT_2);
+    let planes = [forward, forward + right, forward - right, forward + up, forward - up];
     planes.iter().all(|plane| corners(bounds).any(|corner| plane.dot(corner.extend(1.0)) >= 0.0))
 }
 
