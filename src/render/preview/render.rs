@@ -91,7 +91,9 @@ impl PreviewRender {
         let targets = previews.targets.take(gpu, extent)?;
         let uploads = Uploads::new(gpu, work, &lights, &blended)?;
         let maps = shadow_maps(gpu, params, lights.faces.len() as u32)?;
-        let binder = Binder { gpu, layouts: &previews.layouts, scene: &scene, environment: &environment, resources };
+        let albedo = resources.albedo(gpu, &work.scene);
+        let binder =
+            Binder { gpu, layouts: &previews.layouts, scene: &scene, environment: &environment, albedo: &albedo };
         let groups = binder.groups(&uploads, &targets, &maps.array);
         let style = Style::new(gpu, work, &lights);
         let passes =
@@ -290,7 +292,7 @@ struct Binder<'a> {
     layouts: &'a Layouts,
     scene: &'a GpuScene,
     environment: &'a GpuEnvironment,
-    resources: &'a Resources,
+    albedo: &'a wgpu::TextureView,
 }
 
 impl Binder<'_> {
@@ -316,7 +318,7 @@ impl Binder<'_> {
                     (10, texture(&scene.color_pages)),
                     (11, texture(&scene.data_pages)),
                     (12, texture(&self.environment.texels)),
-                    (14, texture(&self.resources.albedo)),
+                    (14, texture(self.albedo)),
                 ],
             ),
             projection: self.group(&layouts.projection, &[(0, BindingResource::Buffer(projection))]),
