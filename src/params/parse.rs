@@ -331,6 +331,7 @@ mod tests {
     fn a_list_is_no_object() {
         let full = r#"{"camera": {"orbit": {}}, "environment": {"gradient":
             {"top": [0, 0, 0], "horizon": [0, 0, 0], "bottom": [0, 0, 0]}}, "filter": {}, "output": {},
+            "preview": {"attenuation": {}, "shadows": {"bias": {}}},
             "lights": [{"type": "ambient"}, {"type": "ambient"}]}"#;
         let full: Value = serde_json::from_str(full).unwrap();
         let mut open = vec![String::new()];

@@ -63,7 +63,7 @@ fn trees_find_the_closest_hits_in_two_levels() {
     }
 }
 
-/// World corners of all triangles, as front faces see them, and their normals; in an order of their own.
+/// World corners of all triangles, as front faces see them, that of least x first, and its normal; in an order of their own.
 fn world_triangles(scene: &CompiledScene) -> Vec<[DVec3; 4]> {
     let mut all = Vec::new();
     let ends: Vec<u32> = scene.instances.iter().map(|instance| instance.first_triangle).collect();
@@ -74,13 +74,18 @@ fn world_triangles(scene: &CompiledScene) -> Vec<[DVec3; 4]> {
         let place = |v: [f32; 3]| DVec3::from_array(instance.to_world.map(|r| row(Vec3::from(v).as_dvec3(), r)));
         for (triangle, indices) in scene.triangles[range.clone()].iter().zip(&scene.indices[range]) {
             let mut corners = [triangle.v0, triangle.v1, triangle.v2].map(place);
+            let mut indices = *indices;
+            if instance.flags & 1 == 1 {
+                corners.swap(1, 2);
+                indices.swap(1, 2);
+            }
+            let first = (1..3).fold(0, |first, i| if corners[i].x < corners[first].x { i } else { first });
+            corners.rotate_left(first);
+            indices.rotate_left(first);
             let word = (indices[0] * scene.layout.stride + scene.layout.normal) as usize;
             let object: Vec<f64> = (0..3).map(|i| f64::from(f32::from_bits(scene.vertices[word + i]))).collect();
             let inverse = DMat3::from_cols_array_2d(&instance.to_object.map(|r| [r[0], r[1], r[2]].map(f64::from)));
             let normal = (inverse * DVec3::from_slice(&object)).normalize();
-            if instance.flags & 1 == 1 {
-                corners.swap(1, 2);
-            }
             all.push([corners[0], corners[1], corners[2], normal]);
         }
     }
