@@ -93,6 +93,15 @@ impl Extended {
         self.transmission > 0.0 && self.flags & Self::THICK == 0
     }
 
+    /// Whether a dielectric base reflects diffusely and does nothing else: without the reflection of its surface there is no
+    /// interface, and Lambert's lobe is all of it.
+    pub fn is_matte(&self) -> bool {
+        let lobes = [self.specular, self.transmission, self.clearcoat, self.diffuse_transmission];
+        let sheen = self.sheen_color.iter().any(|channel| *channel > 0.0);
+        let whole = self.flags & Self::SPECULAR_GLOSSINESS == 0;
+        whole && !sheen && lobes.iter().all(|strength| *strength == 0.0)
+    }
+
     pub(super) fn new(scene: &Scene, source: &scene::Extended, textures: &Textures) -> Self {
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
         let without_texture = source.iridescence_thickness_texture.is_none();

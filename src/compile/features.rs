@@ -86,7 +86,7 @@ pub fn features(scene: &CompiledScene, lighting: &Lighting, view: &View, params:
         normal_texture: reads(|material| &material.normal_texture),
         emissive_texture: reads(|material| &material.emissive_texture),
         unlit: some(&|material| material.flags & Material::UNLIT != 0),
-        specular: some(&|material| material.flags & Material::UNLIT == 0),
+        specular: some(&|material| material.flags & Material::UNLIT == 0 && !is_matte(scene, material)),
         mirror: scene.min_roughness < MIRROR_ROUGHNESS,
         extended: !scene.extended.is_empty(),
         transmission: extension(&|extended| extended.transmission > 0.0),
@@ -104,6 +104,11 @@ pub fn features(scene: &CompiledScene, lighting: &Lighting, view: &View, params:
         thin_lens: matches!(view.lens, Lens::Perspective { aperture_radius, .. } if aperture_radius > 0.0),
         orthographic: matches!(view.lens, Lens::Orthographic { .. }),
     }
+}
+
+/// Whether a material has no lobe but Lambert's.
+fn is_matte(scene: &CompiledScene, material: &Material) -> bool {
+    material.metallic == 0.0 && material.extended(scene).is_some_and(Extended::is_matte)
 }
 
 fn environment_code(environment: &Environment) -> u32 {

@@ -2,6 +2,7 @@
 
 use crate::support::{assert_near, grey, mean, params, render, scene, sphere, square, work};
 use candela::params::{EngineChoice, RenderParams};
+use candela::render::Work;
 use candela::scene::{Extended, Material, Primitive, Scene, Volume};
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
@@ -9,6 +10,7 @@ use std::sync::Arc;
 on_both_engines! {
     lossless_materials_vanish_in_a_white_sky,
     lossy_materials_stay_below_one,
+    without_its_reflection_a_dielectric_is_lamberts,
     index_of_one_is_invisible,
     slabs_transmit_by_fresnels_series,
     slabs_absorb_by_beer_and_lambert,
@@ -39,13 +41,18 @@ fn ball(material: Material) -> Scene {
     scene(vec![(sphere(64), material, DAffine3::IDENTITY)])
 }
 
-/// Mean of the middle channel of a ball in a white sky, over the pixels that it covers.
-fn furnace(engine: EngineChoice, material: Material) -> f64 {
+/// A ball alone in a white sky, which covers the picture.
+fn in_a_white_sky(material: Material) -> Work {
     let request = params(
         r#"{"environment":{"constant":[1,1,1]},"max_samples":256,"width":16,"height":16,
             "camera":{"position":[0,0,4],"target":[0,0,0],"yfov_degrees":20}}"#,
     );
-    mean(&render(engine, work(&ball(material), &request)), 1)
+    work(&ball(material), &request)
+}
+
+/// Mean of the middle channel of a ball in a white sky.
+fn furnace(engine: EngineChoice, material: Material) -> f64 {
+    mean(&render(engine, in_a_white_sky(material)), 1)
 }
 
 /// What neither absorbs nor is left unfinished by its formulas returns all light.
@@ -97,6 +104,17 @@ fn lossy_materials_stay_below_one(engine: EngineChoice) {
         let got = furnace(engine, material);
         eprintln!("{name}: {got:.5}");
         assert!((least..1.01).contains(&got), "{name}: {got}");
+    }
+}
+
+/// Such a scene is traced without any interface, and looks as if it were traced with all that there is.
+fn without_its_reflection_a_dielectric_is_lamberts(engine: EngineChoice) {
+    let work = in_a_white_sky(with(Extended { specular: 0.0, ..Extended::default() }, 0.3, 0.5));
+    assert!(!work.features.specular);
+    let mut whole = work.clone();
+    whole.features.specular = true;
+    for work in [work, whole] {
+        assert_near(mean(&render(engine, work), 1), 0.5, 2e-3);
     }
 }
 

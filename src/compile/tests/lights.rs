@@ -5,8 +5,9 @@ use crate::compile::{
     CompileError, CompiledScene, EnvironmentKind, Lens, Lighting, PunctualKind, compile_scene, features, light, view,
 };
 use crate::params::{EnvironmentChoice, EnvironmentParams, LightParams, Mode, RenderParams};
-use crate::scene::{Light, LightKind, Material, Node, Scene};
+use crate::scene::{Extended, Light, LightKind, Material, Node, Scene};
 use glam::{DAffine3, DVec3, Vec3};
+use std::sync::Arc;
 
 fn point(position: [f64; 3], intensity: f32, range: Option<f32>) -> LightParams {
     LightParams::Point { position, color: [1.0; 3], intensity, range }
@@ -135,6 +136,10 @@ fn features_follow_from_what_is_there() {
     let unlit =
         of(&triangle_with(Material { unlit: true, roughness: 0.0, ..Material::default() }), &RenderParams::default());
     assert!(unlit.unlit && !unlit.specular && !unlit.mirror);
+    let extended = |specular| Some(Arc::new(Extended { specular, ..Extended::default() }));
+    let matte =
+        |specular| triangle_with(Material { extended: extended(specular), metallic: 0.0, ..Material::default() });
+    assert!(!of(&matte(0.0), &RenderParams::default()).specular && of(&matte(0.1), &RenderParams::default()).specular);
     let direct = RenderParams { mode: Mode::Direct, ..RenderParams::default() };
     let direct = of(&glowing(), &direct);
     assert!(direct.punctual && !direct.emitters && direct.environment == 1);
