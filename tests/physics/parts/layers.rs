@@ -289,7 +289,7 @@ const FAULTS: [(&str, usize, Fault, f64); 3] = [
             right: "return normalize(vec3f(alpha * normal.xy, max(normal.z, 0.0)));",
             wrong: |e| format!("return normalize(vec3f(alpha * {} * normal.xy, max(normal.z, 0.0)));", 1.0 + e),
         },
-        0.05,
+        0.2,
     ),
 ];
 
