@@ -133,7 +133,8 @@ export class LatestJob {
       wish.retry = setTimeout(() => this.#post(wish), seconds * 1000);
       return;
     }
-    if (wish.draft) this.#show.draftFailed(problem);
+    // A busy server, or none, says nothing about drafts.
+    if (wish.draft && problem.status !== 503 && problem.status !== 0) this.#show.draftFailed(problem);
     this.#end(wish, () => this.#show.failed(problem));
   }
 

@@ -26,6 +26,7 @@ function difference(a, b) {
 
 export class Comparison {
   #urls = [];
+  #opened = 0;
 
   /** `dialog` holds a line of words, two images and a canvas. */
   constructor(dialog) {
@@ -40,19 +41,23 @@ export class Comparison {
   /** Opens with one picture; the other is a promise of a Blob of the same size. */
   async open(traced, preview) {
     this.#forget();
+    this.#opened += 1;
+    const mine = this.#opened;
+    const gone = () => mine !== this.#opened || !this.dialog.open;
     this.#show(0, traced);
     this.words.textContent = "Drawing the preview";
     this.dialog.showModal();
     try {
       const rasterised = await preview;
-      if (!this.dialog.open) return;
+      if (gone()) return;
       this.#show(1, rasterised);
       const { shown, mean } = difference(await pixels(traced), await pixels(rasterised));
+      if (gone()) return;
       Object.assign(this.canvas, { width: shown.width, height: shown.height });
       this.canvas.getContext("2d").putImageData(shown, 0, 0);
       this.words.textContent = `They differ by ${mean.toFixed(1)} of 255 on average.`;
     } catch (problem) {
-      this.words.textContent = `There is no preview: ${problem.message}`;
+      if (!gone()) this.words.textContent = `There is no preview: ${problem.message}`;
     }
   }
 
