@@ -24,8 +24,8 @@ impl Bindings<'_> {
         let resources = [
             self.frame.as_entire_binding(),
             self.slice.as_entire_binding(),
-            self.scene.nodes.as_entire_binding(),
-            self.scene.triangles.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&self.scene.nodes),
+            wgpu::BindingResource::TextureView(&self.scene.triangles),
             self.scene.attributes.as_entire_binding(),
             self.scene.instances.as_entire_binding(),
             self.scene.materials.as_entire_binding(),
@@ -62,14 +62,16 @@ pub fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 17] {
     let pages = texture(float, wgpu::TextureViewDimension::D2Array);
     let table = texture(float, wgpu::TextureViewDimension::D2);
     let list = texture(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2);
-    let film = wgpu::BindingType::StorageTexture {
-        access: wgpu::StorageTextureAccess::WriteOnly,
-        format: wgpu::TextureFormat::Rgba32Float,
+    let stored = |access, format| wgpu::BindingType::StorageTexture {
+        access,
+        format,
         view_dimension: wgpu::TextureViewDimension::D2,
     };
+    let records = stored(wgpu::StorageTextureAccess::ReadOnly, wgpu::TextureFormat::Rgba32Uint);
+    let film = stored(wgpu::StorageTextureAccess::WriteOnly, wgpu::TextureFormat::Rgba32Float);
     let types = [
-        uniform, uniform, read, read, read, read, read, read, read, write, pages, pages, table, table, table, list,
-        film,
+        uniform, uniform, records, records, read, read, read, read, read, write, pages, pages, table, table, table,
+        list, film,
     ];
     let mut binding = 0;
     types.map(|ty| {

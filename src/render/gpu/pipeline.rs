@@ -14,7 +14,7 @@ pub const PATHTRACE_WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/pathtra
 /// Line of the source that each pipeline replaces by the stack it needs.
 const STACK_LINE: &str = "const STACK_SIZE: u32 = 1u;";
 
-/// Entries of the stack in registers, as in `shaders/lib/stack.wesl`.
+/// Most entries of the stack in registers, as in `shaders/lib/stack.wesl`.
 const REGISTERS: u32 = 12;
 
 /// What a pipeline is specialised by.
@@ -24,8 +24,8 @@ pub(in crate::render) struct Variant {
     direct: bool,
     multiple_scattering: bool,
     strategy: Strategy,
-    /// Entries of the stack in memory; 1: it is in registers.
-    pub stack: u32,
+    /// Where the traversal keeps what it has still to visit.
+    pub stack: Stack,
 }
 
 impl Variant {
@@ -36,8 +36,28 @@ impl Variant {
             direct: work.settings.mode == Mode::Direct,
             multiple_scattering: work.settings.multiple_scattering,
             strategy: work.settings.strategy,
-            stack: stack_size(work.scene.depth, work.scene.two_level, gpu.info.hardware),
+            stack: stack(work.scene.depth, work.scene.two_level, gpu.info.hardware),
         }
+    }
+}
+
+/// A traversal stack of so many entries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(in crate::render) enum Stack {
+    /// 4, 8 or 12.
+    Registers(u32),
+    /// Of an array.
+    Memory(u32),
+}
+
+impl Stack {
+    fn in_registers(self) -> u32 {
+        if let Self::Registers(entries) = self { entries } else { 0 }
+    }
+
+    /// Size of the shader's array, which cannot be empty. Modules differ by it alone.
+    pub fn in_memory(self) -> u32 {
+        if let Self::Memory(entries) = self { entries } else { 1 }
     }
 }
 
@@ -71,19 +91,23 @@ impl Pipelines {
         if let Some(pipeline) = self.made.get(&variant) {
             return Arc::clone(pipeline);
         }
-        let compile = || compile_module(gpu, PATHTRACE_WGSL, variant.stack);
-        let module = self.modules.entry(variant.stack).or_insert_with(compile);
+        let stack = variant.stack.in_memory();
+        let module = self.modules.entry(stack).or_insert_with(|| compile_module(gpu, PATHTRACE_WGSL, stack));
         let pipeline = Arc::new(create_pipeline(gpu, &self.pipeline_layout, module, "pathtrace", &constants(variant)));
         self.made.insert(variant, Arc::clone(&pipeline));
         pipeline
     }
 }
 
-/// Entries of the stack in memory: one group of siblings per level, and the instances left of a leaf; rounded up, so
-/// that few sources are compiled. On a software device a shallow tree's stack is in registers (docs/benchmarks.md).
-fn stack_size(depth: u32, two_level: bool, hardware: bool) -> u32 {
+/// One group of siblings per level, and the instances left of a leaf; rounded up, so that few kernels are compiled. On a
+/// software device a shallow tree's stack is in registers (docs/benchmarks.md).
+fn stack(depth: u32, two_level: bool, hardware: bool) -> Stack {
     let needed = depth + u32::from(two_level) + 1;
-    if !hardware && needed <= REGISTERS { 1 } else { needed.next_multiple_of(8) }
+    if !hardware && needed <= REGISTERS {
+        Stack::Registers(needed.next_multiple_of(4))
+    } else {
+        Stack::Memory(needed.next_multiple_of(8))
+    }
 }
 
 /// The pipeline of a test kernel, specialised as that of the work's picture.
@@ -103,7 +127,7 @@ pub fn probe(
     create_pipeline(
         gpu,
         &layout,
-        &compile_module(gpu, wgsl, variant.stack),
+        &compile_module(gpu, wgsl, variant.stack.in_memory()),
         entry,
         &declared(wgsl, &constants(variant)),
     )
@@ -131,7 +155,7 @@ fn create_pipeline(
     })
 }
 
-/// The module of a source, its stack sized.
+/// The module of a source, its stack in memory sized.
 pub(in crate::render) fn compile_module(gpu: &Gpu, wgsl: &str, stack: u32) -> wgpu::ShaderModule {
     let source = wgsl.replace(STACK_LINE, &format!("const STACK_SIZE: u32 = {stack}u;"));
     gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -178,7 +202,7 @@ pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 34
         ("LIGHT_SAMPLES", flag(variant.strategy.light_samples)),
         ("SCATTERED_LIGHT", flag(variant.strategy.scattered_light)),
         ("ROULETTE", flag(variant.strategy.roulette)),
-        ("STACK_IN_REGISTERS", flag(variant.stack == 1)),
+        ("STACK_REGISTERS", f64::from(variant.stack.in_registers())),
     ]
 }
 
@@ -192,7 +216,8 @@ mod tests {
         let module = naga::front::wgsl::parse_str(PATHTRACE_WGSL).expect("WGSL that parses");
         let declared: BTreeSet<&str> = module.overrides.iter().filter_map(|(_, o)| o.name.as_deref()).collect();
         let (features, strategy) = (Features::default(), Strategy::default());
-        let variant = Variant { features, direct: false, multiple_scattering: true, strategy, stack: 1 };
+        let variant =
+            Variant { features, direct: false, multiple_scattering: true, strategy, stack: Stack::Registers(12) };
         let set: BTreeSet<&str> = constants(variant).iter().map(|(name, _)| *name).collect();
         assert_eq!(declared, set);
     }

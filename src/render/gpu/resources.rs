@@ -1,21 +1,25 @@
 //! What has been uploaded: scenes, environments and tables, kept as long as their source lives.
 
 use super::device::Gpu;
-use crate::compile::{
-    BvhNode, CompiledScene, Environment, EnvironmentKind, Hdri, Instance, Material, TexturePages, Triangle,
-};
+use crate::compile::{CompiledScene, Environment, EnvironmentKind, Hdri, Instance, Material, TexturePages};
 use crate::render::RenderError;
 use crate::render::albedo::{TABLE_WIDTH, albedo_table};
 use crate::render::layer_albedo::LAYER_TABLE;
 use std::sync::{Arc, Weak};
 use wgpu::util::{DeviceExt, TextureDataOrder};
 
+/// Texels in a row of records, as in `shaders/lib/bindings.wesl`.
+const ROW: usize = 8192;
+
+/// Bytes of a texel of records.
+const TEXEL: usize = 16;
+
 /// Buffers and textures of a [`CompiledScene`].
 pub struct GpuScene {
     /// Binding 2.
-    pub nodes: wgpu::Buffer,
+    pub nodes: wgpu::TextureView,
     /// Binding 3.
-    pub triangles: wgpu::Buffer,
+    pub triangles: wgpu::TextureView,
     /// Binding 4: indices, then vertex records.
     pub attributes: wgpu::Buffer,
     /// Binding 5.
@@ -111,14 +115,36 @@ fn upload_scene(gpu: &Gpu, scene: &CompiledScene) -> Result<GpuScene, RenderErro
     attributes.extend_from_slice(&scene.vertices);
     attributes.extend_from_slice(bytemuck::cast_slice(&scene.extended));
     Ok(GpuScene {
-        nodes: gpu.storage("tree nodes", bytemuck::cast_slice(&scene.nodes), size_of::<BvhNode>())?,
-        triangles: gpu.storage("triangles", bytemuck::cast_slice(&scene.triangles), size_of::<Triangle>())?,
+        nodes: upload_records(gpu, "tree nodes", bytemuck::cast_slice(&scene.nodes))?,
+        triangles: upload_records(gpu, "triangles", bytemuck::cast_slice(&scene.triangles))?,
         attributes: gpu.storage("vertex attributes", bytemuck::cast_slice(&attributes), 4)?,
         instances: gpu.storage("instances", bytemuck::cast_slice(&scene.instances), size_of::<Instance>())?,
         materials: gpu.storage("materials", bytemuck::cast_slice(&scene.materials), size_of::<Material>())?,
         color_pages: upload_pages(gpu, &scene.color_pages, wgpu::TextureFormat::Rgba8UnormSrgb)?,
         data_pages: upload_pages(gpu, &scene.data_pages, wgpu::TextureFormat::Rgba8Unorm)?,
     })
+}
+
+/// Records of whole texels, in rows of [`ROW`]. What a ray reads at every step lies in storage textures: a software
+/// device reads their texels faster than vectors of a buffer (docs/benchmarks.md), and they hold more than one binding of
+/// a buffer may.
+fn upload_records(gpu: &Gpu, label: &str, bytes: &[u8]) -> Result<wgpu::TextureView, RenderError> {
+    let texels = bytes.len().div_ceil(TEXEL).max(1);
+    let (width, height) = (texels.min(ROW), texels.div_ceil(ROW));
+    let limit = gpu.device.limits().max_texture_dimension_2d as usize;
+    if height > limit {
+        return Err(RenderError::TooLarge(format!(
+            "{label} take {} MiB, a texture of {} holds {} MiB; use fewer triangles",
+            bytes.len() >> 20,
+            gpu.info.name,
+            (ROW * limit * TEXEL) >> 20
+        )));
+    }
+    let mut rows = bytes.to_vec();
+    rows.resize(width * height * TEXEL, 0);
+    let (size, format) = ((width as u32, height as u32, 1), wgpu::TextureFormat::Rgba32Uint);
+    let texture = create_texture(gpu, label, size, format, wgpu::TextureUsages::STORAGE_BINDING, &rows);
+    Ok(texture.create_view(&wgpu::TextureViewDescriptor::default()))
 }
 
 fn upload_pages(
@@ -136,7 +162,14 @@ fn upload_pages(
     }
     let mut bytes = pages.pages.concat();
     bytes.resize((side * side * 4) as usize * layers as usize, 0);
-    let texture = create_texture(gpu, "texture pages", (side, side, layers), format, &bytes);
+    let texture = create_texture(
+        gpu,
+        "texture pages",
+        (side, side, layers),
+        format,
+        wgpu::TextureUsages::TEXTURE_BINDING,
+        &bytes,
+    );
     let dimension = Some(wgpu::TextureViewDimension::D2Array);
     Ok(texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() }))
 }
@@ -171,7 +204,8 @@ fn texture(
     format: wgpu::TextureFormat,
     bytes: &[u8],
 ) -> wgpu::TextureView {
-    create_texture(gpu, label, size, format, bytes).create_view(&wgpu::TextureViewDescriptor::default())
+    create_texture(gpu, label, size, format, wgpu::TextureUsages::TEXTURE_BINDING, bytes)
+        .create_view(&wgpu::TextureViewDescriptor::default())
 }
 
 fn create_texture(
@@ -179,6 +213,7 @@ fn create_texture(
     label: &str,
     (width, height, depth_or_array_layers): (u32, u32, u32),
     format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
     bytes: &[u8],
 ) -> wgpu::Texture {
     gpu.device.create_texture_with_data(
@@ -190,7 +225,7 @@ fn create_texture(
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
             format,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING,
+            usage,
             view_formats: &[],
         },
         TextureDataOrder::LayerMajor,

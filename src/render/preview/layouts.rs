@@ -42,8 +42,8 @@ impl Layouts {
             "scene",
             &[
                 (0, everywhere, uniform(false)),
-                (2, ShaderStages::FRAGMENT | ShaderStages::COMPUTE, storage(true)),
-                (3, everywhere, storage(true)),
+                (2, ShaderStages::FRAGMENT | ShaderStages::COMPUTE, records()),
+                (3, everywhere, records()),
                 (4, everywhere, storage(true)),
                 (5, everywhere, storage(true)),
                 (6, everywhere, storage(true)),
@@ -125,6 +125,14 @@ fn buffer(ty: BufferBindingType, has_dynamic_offset: bool, size: Option<u64>) ->
 /// One of many projections, if there is an offset.
 fn uniform(has_dynamic_offset: bool) -> BindingType {
     buffer(BufferBindingType::Uniform, has_dynamic_offset, has_dynamic_offset.then_some(size_of::<Projection>() as u64))
+}
+
+fn records() -> BindingType {
+    BindingType::StorageTexture {
+        access: wgpu::StorageTextureAccess::ReadOnly,
+        format: wgpu::TextureFormat::Rgba32Uint,
+        view_dimension: wgpu::TextureViewDimension::D2,
+    }
 }
 
 fn storage(read_only: bool) -> BindingType {

@@ -123,7 +123,7 @@ impl Pipelines {
         if let Some(made) = self.draws.get(&(pass, style)) {
             return Arc::clone(made);
         }
-        let module = self.module(gpu, DRAW_WGSL, style.scene.stack);
+        let module = self.module(gpu, DRAW_WGSL, style.scene.stack.in_memory());
         let made = Arc::new(create_draw(gpu, layouts, &module, pass, style));
         self.draws.insert((pass, style), Arc::clone(&made));
         made
@@ -141,7 +141,7 @@ impl Pipelines {
             Compute::Light => (FINISH_WGSL, "light_pixels", &layouts.finish_pipeline),
             Compute::Gather => (FINISH_WGSL, "gather_pixels", &layouts.finish_pipeline),
         };
-        let module = self.module(gpu, wgsl, style.scene.stack);
+        let module = self.module(gpu, wgsl, style.scene.stack.in_memory());
         let constants = declared(wgsl, &style.constants(true, false));
         let made = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(entry),

@@ -310,8 +310,8 @@ impl Binder<'_> {
                 &layouts.scene,
                 &[
                     (0, uploads.scene_frame.as_entire_binding()),
-                    (2, scene.nodes.as_entire_binding()),
-                    (3, scene.triangles.as_entire_binding()),
+                    (2, texture(&scene.nodes)),
+                    (3, texture(&scene.triangles)),
                     (4, scene.attributes.as_entire_binding()),
                     (5, scene.instances.as_entire_binding()),
                     (6, scene.materials.as_entire_binding()),
