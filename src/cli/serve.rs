@@ -2,7 +2,7 @@
 
 use super::Failure;
 use crate::config::{LogFormat, ServeConfig};
-use crate::http;
+use crate::http::{self, Access};
 use crate::jobs::Service;
 use crate::render::{Engine, Engines};
 use anyhow::Context;
@@ -44,6 +44,10 @@ async fn serve(config: ServeConfig) -> anyhow::Result<()> {
         format!("cannot listen on {} (--listen 127.0.0.1:8081 takes another port, port 0 any free one)", config.listen)
     })?;
     let address = listener.local_addr()?;
+    let access = Access::new(config.keys.as_deref(), config.allowed_hosts)?;
+    if !access.has_keys() && !address.ip().is_loopback() {
+        tracing::warn!("whoever reaches {address} may use this server (--keys FILE asks for keys)");
+    }
     let engines = Box::new(|| Ok(Box::new(Engines::new()) as Box<dyn Engine>));
     let service = Service::start_in(config.data.as_deref(), config.limits, engines).await?;
     match &config.data {
@@ -51,7 +55,7 @@ async fn serve(config: ServeConfig) -> anyhow::Result<()> {
         None => tracing::info!("jobs and uploads end with this process (--data FOLDER keeps them)"),
     }
     tracing::info!("Candela is ready: http://{}/", reachable(address));
-    http::serve(listener, service, asked_to_stop()?, Duration::from_secs(config.drain_seconds)).await?;
+    http::serve(listener, service, &access, asked_to_stop()?, Duration::from_secs(config.drain_seconds)).await?;
     tracing::info!("stopped");
     Ok(())
 }
@@ -90,6 +94,8 @@ mod tests {
         ServeConfig {
             listen,
             data: None,
+            keys: None,
+            allowed_hosts: Vec::new(),
             drain_seconds: 0,
             log_format: LogFormat::Text,
             print_config: false,

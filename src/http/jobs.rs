@@ -1,7 +1,7 @@
 //! `/v1/jobs`: renders that outlive the request that began them.
 
 use super::scenes::{Page, bad_cursor};
-use super::{App, accept, client, picture, query, scenes, upload};
+use super::{App, accept, caller, picture, query, scenes, upload};
 use crate::film::Aov;
 use crate::jobs::{Code, Job, Order, Problem, Stages, State as JobState, Submission};
 use crate::params::{self, FieldError, ImageFormat};
@@ -55,7 +55,7 @@ async fn begin(
     request: Request,
 ) -> Result<Response, Problem> {
     let [] = query::fields(request.uri(), [])?;
-    let client = client(&request);
+    let caller = caller(&request);
     let order = read_order(&app, request).await?;
     let longest = Duration::from_secs(app.service.limits().wait_seconds);
     let patience = accept::wait(headers, longest);
@@ -63,7 +63,8 @@ async fn begin(
         // A format that cannot be made is refused before the work, not after it.
         accept::picture_format(headers, order.params.output.format)?;
     }
-    let submission = Submission { id, key, anew: wants_anew(headers), ..Submission::new(order, client) };
+    let (anew, quota) = (wants_anew(headers), caller.renders_per_day);
+    let submission = Submission { id, key, anew, quota, ..Submission::new(order, caller.client) };
     let job = app.service.submit(submission).await?;
     job.settled().await;
     let Some(patience) = patience else { return Ok(accepted(&app, &job)) };
@@ -80,7 +81,7 @@ async fn begin(
 }
 
 /// `Idempotency-Key`: any text of up to 255 visible characters.
-fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+pub fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
     let key = value.to_str().ok().filter(|key| (1..=255).contains(&key.len()));
     let fault = || Problem::new(Code::BadRequest, "`Idempotency-Key` must be 1 to 255 visible ASCII characters");
@@ -185,10 +186,10 @@ pub async fn result(
     Ok(picture::reply(&job, &app.service.aov(&job, aov).await?, &headers))
 }
 
-/// `POST /v1/jobs/{id}/cancel`: 200 however often; 409 if the job had ended otherwise.
+/// `POST /v1/jobs/{id}/cancel`: 200 with the job, however often and however it has ended.
 pub async fn cancel(State(app): State<App>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
     let job = app.service.job(&id).await?;
-    app.service.cancel(&job).await?;
+    app.service.cancel(&job).await;
     Ok(Json(app.service.describe(&job)))
 }
 

@@ -30,7 +30,7 @@ fn rest(mut stream: TcpStream) -> (String, Duration) {
 
 fn post_head(path: &str, length: usize) -> String {
     format!(
-        "POST {path} HTTP/1.1\r\nhost: a\r\ncontent-type: model/gltf-binary\r\ncontent-length: {length}\r\nconnection: close\r\n\r\n"
+        "POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: model/gltf-binary\r\ncontent-length: {length}\r\nconnection: close\r\n\r\n"
     )
 }
 

@@ -3,6 +3,8 @@
 //! Pictures are traced by the real engine; with `CANDELA_TEST_ENGINE=test` by a small one of the tests, which needs no
 //! adapter. What goes wrong on a device is always played by the latter.
 
+mod access;
+mod batches;
 mod connections;
 mod contract;
 mod durable;

@@ -2,7 +2,7 @@
 
 use crate::engine;
 use candela::config::Limits;
-use candela::http;
+use candela::http::{self, Access};
 use candela::jobs::{EngineFactory, Service};
 use serde_json::{Value, json};
 use std::net::SocketAddr;
@@ -34,6 +34,17 @@ impl Server {
 
     /// With a data folder.
     pub fn in_folder(folder: Option<&Path>, limits: Limits, factory: EngineFactory, patience: Duration) -> Self {
+        Self::guarded(Access::default(), folder, limits, factory, patience)
+    }
+
+    /// That asks its clients who they are.
+    pub fn guarded(
+        access: Access,
+        folder: Option<&Path>,
+        limits: Limits,
+        factory: EngineFactory,
+        patience: Duration,
+    ) -> Self {
         let folder = folder.map(Path::to_owned);
         let (stop, stopped) = oneshot::channel();
         let (tell, told) = std::sync::mpsc::channel();
@@ -46,7 +57,7 @@ impl Server {
                 let shutdown = async {
                     let _ = stopped.await;
                 };
-                http::serve(listener, service, shutdown, patience).await.expect("serving");
+                http::serve(listener, service, &access, shutdown, patience).await.expect("serving");
             });
         });
         let address = told.recv().expect("the server starts");

@@ -1,6 +1,7 @@
 //! Everything that is ever written to the ledger.
 
-use super::now;
+use super::{DAY, now};
+use crate::jobs::batch::BatchSpec;
 use crate::jobs::blobs::BlobRef;
 use crate::jobs::events::Event;
 use crate::jobs::job::Spec;
@@ -34,6 +35,8 @@ pub enum Change {
     DeleteImage(String),
     /// A job was accepted, with its first event. Scene and image must be there.
     Job(Arc<Spec>, Event),
+    /// A batch was accepted, with all its jobs or not at all.
+    Batch(Arc<BatchSpec>, Vec<(Arc<Spec>, Event)>),
     /// Something happened to a job; none: it stands as before.
     Event {
         /// Number of the job.
@@ -90,6 +93,7 @@ impl Change {
                 one(c.execute("UPDATE images SET deleted = 1 WHERE id = ?1 AND NOT deleted", [id])?)
             }
             Self::Job(spec, first) => job(c, spec, first),
+            Self::Batch(spec, jobs) => batch(c, spec, jobs),
             Self::Event { job, event, standing } => {
                 if let Some(standing) = standing {
                     stand(c, *job, standing)?;
@@ -148,9 +152,10 @@ fn job(c: &Connection, spec: &Spec, first: &Event) -> Result<()> {
         one(c.execute("UPDATE images SET used = ?2 WHERE id = ?1", params![image, now()])?)?;
     }
     let insert = "INSERT INTO jobs (number, id, idempotency_key, created, state, scene, image, params, priority,
-                                    client, attended, content, last_event)
+                                    client, attended, content, last_event, batch, item, name, webhook)
                   VALUES (:number, :id, :key, :created, 'queued', :scene, :image, :params, :priority,
-                          :client, :attended, :content, 0)";
+                          :client, :attended, :content, 0, :batch, :item, :name, :webhook)";
+    let place = spec.place.as_ref();
     c.prepare_cached(insert)?.execute(named_params! {
         ":number": spec.number,
         ":id": spec.id,
@@ -163,8 +168,23 @@ fn job(c: &Connection, spec: &Spec, first: &Event) -> Result<()> {
         ":client": spec.client,
         ":attended": spec.attended,
         ":content": spec.content,
+        ":batch": place.map(|place| place.batch),
+        ":item": place.map(|place| place.item),
+        ":name": place.map(|place| &place.name),
+        ":webhook": spec.webhook,
     })?;
+    let count = "INSERT INTO usage (client, day, renders) VALUES (?1, ?2, 1)
+                 ON CONFLICT DO UPDATE SET renders = renders + 1";
+    c.prepare_cached(count)?.execute(params![spec.client, spec.created / DAY])?;
     happen(c, spec.number, first)
+}
+
+fn batch(c: &Connection, spec: &BatchSpec, jobs: &[(Arc<Spec>, Event)]) -> Result<()> {
+    let insert = "INSERT INTO batches (number, id, idempotency_key, created, client, content)
+                  VALUES (?1, ?2, ?3, ?4, ?5, ?6)";
+    let BatchSpec { number, id, key, created, client, content } = spec;
+    c.prepare_cached(insert)?.execute(params![number, id, key, created, client, content])?;
+    jobs.iter().try_for_each(|(spec, first)| job(c, spec, first))
 }
 
 /// The newest preview or progress takes the place of the one before; all else stays.

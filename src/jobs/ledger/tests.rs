@@ -26,6 +26,8 @@ fn spec(number: i64) -> Spec {
         client: "10.1.2.3".to_owned(),
         attended: false,
         content: "content".to_owned(),
+        place: None,
+        webhook: None,
     }
 }
 
