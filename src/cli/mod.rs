@@ -3,7 +3,10 @@
 mod bench;
 mod demo;
 mod doctor;
+mod key;
+mod manifest;
 mod progress;
+mod remote;
 mod render;
 mod request;
 mod serve;
@@ -25,8 +28,10 @@ struct Cli {
 enum Command {
     /// Renders for clients over HTTP.
     Serve(ServeConfig),
-    /// Renders one picture, without a server.
+    /// Renders one picture, or those of a manifest, without a server or by one.
     Render(render::RenderArgs),
+    /// Makes, lists and revokes API keys.
+    Key(key::KeyArgs),
     /// Writes one of the scenes that Candela makes itself.
     Demo(demo::DemoArgs),
     /// Says what this machine has, and whether it is in order.
@@ -60,6 +65,7 @@ pub fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Serve(config) => serve::run(config),
         Command::Render(arguments) => render::run(&arguments),
+        Command::Key(arguments) => key::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),

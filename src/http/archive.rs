@@ -2,7 +2,6 @@
 
 use super::App;
 use crate::jobs::{Batch, Job, Problem, State, describe_item};
-use crate::params::ImageFormat;
 use axum::body::Bytes;
 use std::io::{self, Write};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -72,16 +71,7 @@ async fn picture(app: &App, job: &Job) -> Result<Option<(String, Bytes)>, Proble
     let format = job.spec.params.output.format;
     let file = app.service.result(job, format).await?;
     let stem = job.spec.place.as_ref().map_or(job.spec.id.as_str(), |place| &place.name);
-    Ok(Some((format!("{stem}.{}", extension(format)), file.bytes)))
-}
-
-fn extension(format: ImageFormat) -> &'static str {
-    match format {
-        ImageFormat::Png => "png",
-        ImageFormat::Exr => "exr",
-        ImageFormat::Webp => "webp",
-        ImageFormat::Jpeg => "jpg",
-    }
+    Ok(Some((format!("{stem}.{}", format.extension()), file.bytes)))
 }
 
 /// A zip whose beginning has been sent.

@@ -34,13 +34,14 @@ fn finished(server: &Server, id: &Value) -> Value {
 fn entries(reply: &Reply) -> Vec<(String, Vec<u8>)> {
     assert_eq!((reply.status, reply.header("content-type")), (200, Some("application/zip")), "{reply:?}");
     let mut archive = zip::ZipArchive::new(Cursor::new(&reply.body)).expect("a zip");
-    let entry = |n| {
+    let count = archive.len();
+    let mut entry = |n| {
         let mut file = archive.by_index(n).expect("an entry");
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).expect("its content");
         (file.name().expect("a name").into_owned(), bytes)
     };
-    (0..archive.len()).map(entry).collect()
+    (0..count).map(&mut entry).collect()
 }
 
 fn keeping(folder: &Path, limits: Limits) -> Server {
