@@ -145,6 +145,12 @@ pub struct ServeConfig {
     /// this machine alone has no other name, and one that listens on the network any.
     #[arg(long, env = "CANDELA_ALLOWED_HOSTS", value_name = "NAME,...", value_delimiter = ',')]
     pub allowed_hosts: Vec<String>,
+    /// File of the secret (`whsec_...`) with which webhooks are signed; without one none are sent.
+    #[arg(long, env = "CANDELA_WEBHOOK_SECRET", value_name = "FILE")]
+    pub webhook_secret: Option<PathBuf>,
+    /// Hosts and addresses that webhooks may go to although they are not public.
+    #[arg(long, env = "CANDELA_WEBHOOK_HOSTS", value_name = "HOST,...", value_delimiter = ',')]
+    pub webhook_hosts: Vec<String>,
     /// How the log is written to standard error.
     #[arg(long, env = "CANDELA_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     pub log_format: LogFormat,

@@ -23,6 +23,15 @@ struct NewJob {
     params: Option<Value>,
     #[serde(default)]
     priority: i32,
+    #[serde(default)]
+    webhook: Option<Webhook>,
+}
+
+/// Who is to be told of a job's end.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Webhook {
+    url: String,
 }
 
 /// `POST /v1/jobs`
@@ -56,7 +65,8 @@ async fn begin(
 ) -> Result<Response, Problem> {
     let [] = query::fields(request.uri(), [])?;
     let caller = caller(&request);
-    let order = read_order(&app, request).await?;
+    let (order, webhook) = read_order(&app, request).await?;
+    let webhook = webhook.map(|webhook| webhook.url);
     let longest = Duration::from_secs(app.service.limits().wait_seconds);
     let patience = accept::wait(headers, longest);
     if patience.is_some() {
@@ -64,7 +74,7 @@ async fn begin(
         accept::picture_format(headers, order.params.output.format)?;
     }
     let (anew, quota) = (wants_anew(headers), caller.renders_per_day);
-    let submission = Submission { id, key, anew, quota, ..Submission::new(order, caller.client) };
+    let submission = Submission { id, key, anew, quota, webhook, ..Submission::new(order, caller.client) };
     let job = app.service.submit(submission).await?;
     job.settled().await;
     let Some(patience) = patience else { return Ok(accepted(&app, &job)) };
@@ -100,7 +110,7 @@ fn accepted(app: &App, job: &Job) -> Response {
     (StatusCode::ACCEPTED, location.ok(), Json(app.service.describe(job))).into_response()
 }
 
-async fn read_order(app: &App, request: Request) -> Result<Order, Problem> {
+async fn read_order(app: &App, request: Request) -> Result<(Order, Option<Webhook>), Problem> {
     let body = upload::read_json(app, request).await?;
     let new: NewJob = params::read(&body).map_err(|fault| Problem::fields(Code::InvalidParams, vec![fault]))?;
     let text = new.params.map_or_else(|| "{}".to_owned(), |params| params.to_string());
@@ -110,7 +120,7 @@ async fn read_order(app: &App, request: Request) -> Result<Order, Problem> {
         ..scenes::unknown(&new.scene)
     })?;
     let hdri = app.service.stored_hdri(&params).await?;
-    Ok(Order { scene, hdri, params, priority: new.priority, stages: Stages::default() })
+    Ok((Order { scene, hdri, params, priority: new.priority, stages: Stages::default() }, new.webhook))
 }
 
 /// The reply to a request that waited for its job: the picture, or why there is none.

@@ -31,6 +31,7 @@ mod submit;
 mod table;
 mod tidy;
 mod usage;
+mod webhooks;
 mod worker;
 
 pub use crate::render::report::{Report, Stages};
@@ -49,6 +50,7 @@ pub use state::State;
 pub use storage::{StorageError, audit_folder};
 pub use store::{Store, Stored};
 pub use submit::Submission;
+pub use webhooks::Webhooks;
 pub use worker::EngineFactory;
 
 use crate::config::Limits;
@@ -61,7 +63,7 @@ use saved::SavedFilm;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, OnceLock, mpsc};
 use std::time::Duration;
 use storage::Storage;
 use table::Table;
@@ -114,6 +116,7 @@ struct Core {
     tidy: Arc<Notify>,
     draining: AtomicBool,
     closed: watch::Sender<bool>,
+    webhooks: OnceLock<Webhooks>,
 }
 
 impl Service {
@@ -170,6 +173,7 @@ impl Service {
                 tidy,
                 draining: AtomicBool::new(false),
                 closed: watch::Sender::new(false),
+                webhooks: OnceLock::new(),
                 limits,
             }),
         };
@@ -182,6 +186,13 @@ impl Service {
     /// Bounds.
     pub fn limits(&self) -> &Limits {
         &self.core.limits
+    }
+
+    /// Tells of the ends of jobs from now on, and of those that an earlier process has left.
+    pub fn tell_webhooks(&self, webhooks: Webhooks) {
+        if self.core.webhooks.set(webhooks.clone()).is_ok() {
+            tokio::spawn(webhooks::deliver(Arc::downgrade(&self.core), webhooks));
+        }
     }
 
     /// Runs work that needs a core for long, when there is a place for it. Its panic becomes a problem.

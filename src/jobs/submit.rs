@@ -45,6 +45,7 @@ impl Service {
         self.refuse_when_draining()?;
         let Submission { order, id, key, client, attended, quota, anew, webhook } = submission;
         self.check(&order.params, order.priority)?;
+        self.check_webhook(webhook.as_deref())?;
         let taken = self.core.usage.take(&client, 1, quota)?;
         let image = order.hdri.as_ref().map(|image| image.id.clone());
         let spec = Spec {
@@ -133,6 +134,17 @@ impl Service {
             self.core.tidy.notify_one();
         }
         served
+    }
+
+    fn check_webhook(&self, url: Option<&str>) -> Result<(), Problem> {
+        match (url, self.core.webhooks.get()) {
+            (None, _) => Ok(()),
+            (Some(url), Some(webhooks)) => webhooks.check(url),
+            (Some(_), None) => {
+                let detail = "this server sends no webhooks (--webhook-secret): follow the job's events instead";
+                Err(Problem::fields(Code::InvalidParams, vec![FieldError::new("/webhook", detail)]))
+            }
+        }
     }
 
     pub(super) fn refuse_when_draining(&self) -> Result<(), Problem> {

@@ -1,6 +1,6 @@
 //! Everything that is ever written to the ledger.
 
-use super::{DAY, now};
+use super::{DAY, deliveries, now};
 use crate::jobs::batch::BatchSpec;
 use crate::jobs::blobs::BlobRef;
 use crate::jobs::events::Event;
@@ -53,6 +53,17 @@ pub enum Change {
         /// The film.
         blob: BlobRef,
     },
+    /// The end of a job was told.
+    Delivered(String),
+    /// A message was not taken, and is to be sent again.
+    Postponed {
+        /// Id of the message.
+        id: String,
+        /// When: milliseconds since 1970.
+        due: i64,
+    },
+    /// A message is not sent any more.
+    GivenUp(String),
     /// Jobs, scenes and images leave.
     Forget(super::Leaving),
     /// Blobs that nothing names were deleted.
@@ -72,6 +83,18 @@ pub enum Standing {
     Failed(Problem),
     /// Someone ended it.
     Cancelled,
+}
+
+impl Standing {
+    /// Name of the state, if nothing can follow.
+    fn end(&self) -> Option<&'static str> {
+        match self {
+            Self::Queued | Self::Running => None,
+            Self::Succeeded(_) => Some("succeeded"),
+            Self::Failed(_) => Some("failed"),
+            Self::Cancelled => Some("cancelled"),
+        }
+    }
 }
 
 impl Change {
@@ -97,6 +120,9 @@ impl Change {
             Self::Event { job, event, standing } => {
                 if let Some(standing) = standing {
                     stand(c, *job, standing)?;
+                    if let Some(state) = standing.end() {
+                        deliveries::note(c, *job, state, now(), event)?;
+                    }
                 }
                 happen(c, *job, event)
             }
@@ -106,6 +132,8 @@ impl Change {
                 let sql = "UPDATE jobs SET film = ?2 WHERE number = ?1 AND ended IS NULL";
                 c.prepare_cached(sql)?.execute(params![job, blob.id]).map(drop)
             }
+            Self::Delivered(id) | Self::GivenUp(id) => deliveries::forget(c, id),
+            Self::Postponed { id, due } => deliveries::postpone(c, id, *due),
             Self::Forget(leaving) => leaving.apply(c),
             Self::DropBlobs(ids) => {
                 let mut drop_one = c.prepare_cached("DELETE FROM blobs WHERE id = ?1")?;

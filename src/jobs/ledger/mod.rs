@@ -3,12 +3,14 @@
 
 mod audit;
 mod change;
+mod deliveries;
 mod read;
 mod retention;
 mod schema;
 
 pub use audit::audit;
 pub use change::{Change, Standing};
+pub use deliveries::{Delivery, deliveries};
 pub use read::{
     Restored, ScenePage, SceneRow, batches, jobs, next_batch, next_number, offers_image, offers_scene, scene, scenes, usage,
 };
