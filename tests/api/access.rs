@@ -1,8 +1,7 @@
 //! Keys, their rights, rates and quotas; hosts that the server answers for.
 
 use crate::engine;
-use crate::support::{Reply, Server, tiny, triangle};
-use candela::config::Limits;
+use crate::support::{Reply, Server, Setup, tiny, triangle};
 use candela::http::Access;
 use candela::http::keys::{KeyFile, Scope};
 use candela::http::router::routes;
@@ -30,8 +29,8 @@ impl Guarded {
 
 fn serve(folder: &Path) -> Server {
     let access = Access::new(Some(&folder.join("keys.json")), Vec::new()).unwrap();
-    let data = folder.join("data");
-    Server::guarded(access, Some(&data), Limits::default(), engine::faulty(engine::Fault::None, 0), Duration::ZERO)
+    let setup = Setup { access, folder: Some(folder.join("data")), ..Setup::default() };
+    Server::set_up(setup, engine::faulty(engine::Fault::None, 0))
 }
 
 fn ask(server: &Server, key: &str, method: &str, path: &str) -> Reply {
@@ -160,7 +159,7 @@ fn names_of_other_sites_are_not_answered() {
         assert_eq!(server.send("GET", path, &[("host", "localhost:1")], &[]).status, 200);
     }
     let access = Access::new(None, vec!["render.example".to_owned()]).unwrap();
-    let server = Server::guarded(access, None, Limits::default(), engine::any(), Duration::ZERO);
+    let server = Server::set_up(Setup { access, ..Setup::default() }, engine::any());
     assert_eq!(server.send("GET", "/healthz", &[("host", "render.example")], &[]).status, 200);
     server.send("GET", "/healthz", &[("host", "evil.example")], &[]).problem(421, "host_not_allowed");
 }

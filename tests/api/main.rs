@@ -22,3 +22,4 @@ mod scenes;
 mod shutdown;
 mod strict;
 mod support;
+mod webhooks;
