@@ -231,17 +231,25 @@ impl Job {
             return false;
         }
         live.state = next;
+        let (kind, data, standing) = change(&mut live);
         if next.is_over() {
             live.preview = None;
             self.meters.end(next);
-            let took = self.accepted.elapsed().as_millis() as u64;
-            let Spec { id, client, scene, .. } = self.spec.as_ref();
-            tracing::info!(job = %id, %client, %scene, state = next.name(), ms = took, "job over");
+            self.audit(&live);
         }
-        let (kind, data, standing) = change(&mut live);
         // Still under the lock, so that the ledger has the changes in their order.
         self.tell(kind, data, Some(standing));
         true
+    }
+
+    /// The line of a job that is over, for whoever has to know who asked for what.
+    fn audit(&self, live: &Live) {
+        let Spec { id, client, scene, params, .. } = self.spec.as_ref();
+        let (width, height) = (params.width, params.height);
+        let samples = live.outcome.as_ref().map_or(live.progress.samples, |outcome| outcome.record.samples);
+        let code = live.problem.as_ref().map_or("", |problem| problem.code.as_ref());
+        let (state, ms) = (live.state.name(), self.accepted.elapsed().as_millis() as u64);
+        tracing::info!(job = %id, %client, %scene, width, height, samples, state, code, ms, "job over");
     }
 
     /// Notes an event, which is published once the ledger has it.
