@@ -91,7 +91,8 @@ mod tests {
         let keys = folder.path().join("keys.json");
         let run = |what| run(&KeyArgs { keys: keys.clone(), what });
         let name = || "ci".to_owned();
-        let add = || What::Add { name: name(), scope: Scope::Read, requests_per_minute: Some(9), renders_per_day: None };
+        let add =
+            || What::Add { name: name(), scope: Scope::Read, requests_per_minute: Some(9), renders_per_day: None };
         run(add()).unwrap();
         assert_eq!(run(add()).unwrap_err().exit_code(), 2);
         let listed = list(&KeyFile::read(&keys).unwrap());

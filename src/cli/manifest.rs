@@ -1,9 +1,9 @@
 //! `candela render --manifest`: many pictures, made here or by a server.
 
+use super::Failure;
 use super::remote::{Auth, Remote};
 use super::render::{RenderArgs, Stage, picture, write};
 use super::request::{Target, limits};
-use super::Failure;
 use crate::jobs::{Item, ManifestError, read_manifest};
 use crate::params::FieldError;
 use crate::render::Engines;

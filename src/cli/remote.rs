@@ -1,7 +1,7 @@
 //! A manifest rendered by a server: scenes and images are uploaded once each, the batch is followed, results come as they are ready.
 
-use super::render::package;
 use super::Failure;
+use super::render::package;
 use crate::jobs::{Item, hdri_name};
 use crate::params::EnvironmentChoice;
 use crate::scene::Limits;
@@ -172,8 +172,7 @@ impl Uploads<'_> {
         if let Some(id) = self.images.get(file) {
             return Ok(id.clone());
         }
-        let bytes =
-            std::fs::read(file).map_err(|error| Failure::Request(format!("environment {file}: {error}")))?;
+        let bytes = std::fs::read(file).map_err(|error| Failure::Request(format!("environment {file}: {error}")))?;
         let headers = [("content-type", "application/octet-stream")];
         let id = text(&self.remote.json("POST", "/v1/images", &headers, bytes)?, "id")?;
         self.images.insert(file.to_owned(), id.clone());

@@ -72,12 +72,14 @@ impl Access {
         let given = given(headers).ok_or_else(|| unauthorized("send a key: `Authorization: Bearer candela_...`"))?;
         let mut ring = lock(ring);
         ring.look_again();
-        let held = ring.keys.get_mut(&hash(&given)).ok_or_else(|| unauthorized("this key is not known, or was revoked"))?;
+        let held =
+            ring.keys.get_mut(&hash(&given)).ok_or_else(|| unauthorized("this key is not known, or was revoked"))?;
         held.take()?;
         let key = &held.key;
         if key.scope < scope {
             let name = |scope: Scope| serde_json::json!(scope).as_str().unwrap_or_default().to_owned();
-            let detail = format!("the key `{}` has the scope `{}`; this needs `{}`", key.name, name(key.scope), name(scope));
+            let detail =
+                format!("the key `{}` has the scope `{}`; this needs `{}`", key.name, name(key.scope), name(scope));
             return Err(Problem::new(Code::Forbidden, detail));
         }
         Ok(Some(Caller { client: format!("key:{}", key.name), renders_per_day: key.renders_per_day }))
@@ -117,8 +119,7 @@ fn given(headers: &HeaderMap) -> Option<String> {
 
 impl Ring {
     fn read(path: &Path) -> Result<Self, KeyError> {
-        let mut ring =
-            Self { path: path.to_owned(), keys: HashMap::new(), seen: stamp(path), looked: Instant::now() };
+        let mut ring = Self { path: path.to_owned(), keys: HashMap::new(), seen: stamp(path), looked: Instant::now() };
         ring.fill(KeyFile::read(path)?);
         Ok(ring)
     }

@@ -37,16 +37,14 @@ pub async fn create(State(app): State<App>, headers: HeaderMap, request: Request
         anew: jobs::wants_anew(&headers),
     };
     let batch = app.service.submit_batch(submission).await?;
-    let location = HeaderValue::try_from(format!("/v1/batches/{}", batch.spec.id)).map(|value| [(header::LOCATION, value)]);
+    let location =
+        HeaderValue::try_from(format!("/v1/batches/{}", batch.spec.id)).map(|value| [(header::LOCATION, value)]);
     Ok((StatusCode::ACCEPTED, location.ok(), Json(batch.describe())).into_response())
 }
 
 fn read(kind: &str, text: &str, most: usize) -> Result<Vec<Item>, Problem> {
-    let items = if LINES.contains(&kind) {
-        from_lines(text, most)
-    } else {
-        from_matrix(&upload::parse_json(text)?, most)
-    };
+    let items =
+        if LINES.contains(&kind) { from_lines(text, most) } else { from_matrix(&upload::parse_json(text)?, most) };
     items.map_err(|error| match error {
         ManifestError::Syntax(detail) => Problem::new(Code::MalformedJson, detail),
         ManifestError::Fields(faults) => Problem::fields(Code::InvalidParams, faults),

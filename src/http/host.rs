@@ -62,10 +62,28 @@ mod tests {
     #[test]
     fn names_of_others_are_refused_on_a_server_of_this_machine() {
         let hosts = Hosts::new(&["Render.example".to_owned()], true);
-        for host in ["localhost:8080", "LOCALHOST", "127.0.0.1:8080", "[::1]:8080", "[::1]", "10.0.0.1", "render.example:80", "a.localhost", "localhost."] {
+        for host in [
+            "localhost:8080",
+            "LOCALHOST",
+            "127.0.0.1:8080",
+            "[::1]:8080",
+            "[::1]",
+            "10.0.0.1",
+            "render.example:80",
+            "a.localhost",
+            "localhost.",
+        ] {
             assert!(hosts.allows(host), "{host}");
         }
-        for host in ["evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.1.evil.example", "", "a", "\u{fffd}"] {
+        for host in [
+            "evil.example",
+            "evil.example:8080",
+            "localhost.evil.example",
+            "127.0.0.1.evil.example",
+            "",
+            "a",
+            "\u{fffd}",
+        ] {
             assert!(!hosts.allows(host), "{host}");
         }
         assert!(Hosts::new(&[], false).allows("anything.example"));

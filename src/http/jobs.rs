@@ -154,7 +154,16 @@ pub async fn show(State(app): State<App>, Path(id): Path<String>) -> Result<Json
 }
 
 /// `GET /v1/jobs/{id}/preview`: the newest picture so far; of a finished job, its result.
-pub async fn preview(State(app): State<App>, Path(id): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+pub async fn preview(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let [number] = query::fields(&uri, ["n"])?;
+    if number.is_some_and(|number| number.parse::<u64>().is_err()) {
+        return Err(query::fault("n", "must be a whole number: it merely makes the address new".to_owned()));
+    }
     let job = app.service.job(&id).await?;
     if job.state() == JobState::Succeeded {
         return finished(&app, &job, &headers).await;

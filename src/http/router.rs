@@ -1,9 +1,9 @@
 //! Every route on one screen.
 
-use super::metrics::{self, Traffic};
 use super::batches::{self, MANIFEST_BYTES};
 use super::host::{self, Hosts};
 use super::keys::Scope;
+use super::metrics::{self, Traffic};
 use super::upload::{Room, TEXT_BYTES};
 use super::{Access, App, access, events, health, images, jobs, origin, pages, problem, render, scenes};
 use crate::jobs::Service;

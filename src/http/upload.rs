@@ -172,11 +172,8 @@ pub struct Text {
     pub hint: &'static str,
 }
 
-const JSON: Text = Text {
-    kinds: &["application/json"],
-    bytes: TEXT_BYTES,
-    hint: "send JSON with `Content-Type: application/json`",
-};
+const JSON: Text =
+    Text { kinds: &["application/json"], bytes: TEXT_BYTES, hint: "send JSON with `Content-Type: application/json`" };
 
 /// Reads a body that must be JSON.
 pub async fn read_json(app: &App, request: Request) -> Result<serde_json::Value, Problem> {

@@ -163,7 +163,8 @@ impl Service {
                 Err(Problem::new(Code::IdempotencyMismatch, detail))
             }
             BatchAdmission::Full(waiting) => {
-                let detail = format!("{waiting} jobs of batches wait, and {most} may (GET /v1/limits, batch_queue_length)");
+                let detail =
+                    format!("{waiting} jobs of batches wait, and {most} may (GET /v1/limits, batch_queue_length)");
                 Err(Problem::new(Code::QueueFull, detail).retry_after(BATCH_RETRY_SECONDS))
             }
         }

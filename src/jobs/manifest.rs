@@ -125,14 +125,19 @@ pub fn from_matrix(value: &Value, most: usize) -> Result<Vec<Item>, ManifestErro
             rest /= length.max(1);
             at
         };
-        let [lights, variant, camera] = [place(matrix.lights.len()), place(matrix.variants.len()), place(matrix.cameras.len())];
+        let [lights, variant, camera] =
+            [place(matrix.lights.len()), place(matrix.variants.len()), place(matrix.cameras.len())];
         let scene = place(matrix.scenes.len());
         let mut params = matrix.params.clone().unwrap_or_else(|| Value::Object(serde_json::Map::new()));
         let mut parts = Vec::new();
         if matrix.scenes.len() > 1 {
             parts.push(format!("scene{scene}"));
         }
-        let given = [("camera", &matrix.cameras, camera), ("variant", &matrix.variants, variant), ("lights", &matrix.lights, lights)];
+        let given = [
+            ("camera", &matrix.cameras, camera),
+            ("variant", &matrix.variants, variant),
+            ("lights", &matrix.lights, lights),
+        ];
         for (field, axis, at) in given {
             let (Some(choice), Some(params)) = (axis.get(at), params.as_object_mut()) else { continue };
             params.insert(field.to_owned(), choice.clone());
@@ -235,7 +240,10 @@ mod tests {
         let line = |more: &str| format!("{{\"scene\": \"a\"{more}}}\n");
         let two = [line(""), line(", \"params\": {\"widht\": 1}")].concat();
         assert_eq!(pointers(read(&two, 9)), ["/items/1/params/widht"]);
-        assert_eq!(pointers(read(&[line(", \"name\": \"x\""), line(", \"name\": \"X\"")].concat(), 9)), ["/items/1/name"]);
+        assert_eq!(
+            pointers(read(&[line(", \"name\": \"x\""), line(", \"name\": \"X\"")].concat(), 9)),
+            ["/items/1/name"]
+        );
         for name in ["../x", ".x", "", "a/b", "ä", &"x".repeat(101)] {
             assert_eq!(pointers(read(&line(&format!(", \"name\": \"{name}\"")), 9)), ["/items/0/name"], "{name}");
         }
@@ -245,7 +253,9 @@ mod tests {
         assert_eq!(pointers(read(r#"{"scenes": []}"#, 9)), ["/items"]);
         let huge = json!({"scenes": ["a"], "cameras": vec![Value::Null; 4000], "lights": vec![json!([]); 4000], "variants": vec![Value::Null; 4000]});
         assert_eq!(pointers(read(&huge.to_string(), 9)), ["/items"]);
-        assert!(matches!(read("{\"scene\": \"a\"}\n{", 9), Err(ManifestError::Syntax(text)) if text.starts_with("line 2")));
+        assert!(
+            matches!(read("{\"scene\": \"a\"}\n{", 9), Err(ManifestError::Syntax(text)) if text.starts_with("line 2"))
+        );
         assert_eq!(pointers(read(&line(", \"params\": {\"widht\": 1}").repeat(500), 900)).len(), MOST_FAULTS);
     }
 }

@@ -67,8 +67,8 @@ use std::sync::{Arc, OnceLock, mpsc};
 use std::time::Duration;
 use storage::Storage;
 use table::Table;
-use usage::Usage;
 use tokio::sync::{Notify, Semaphore, oneshot, watch};
+use usage::Usage;
 use worker::{Message, Shared, Worker};
 
 /// Seconds after which a client that found the queue full should try again.

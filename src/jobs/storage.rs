@@ -1,12 +1,12 @@
 //! The ledger and the blobs it names, kept in step: a blob is written before the ledger names it, and deleted only after
 //! the ledger has dropped it.
 
+use super::batch::BatchSpec;
 use super::blobs::{BlobError, BlobRef, Blobs};
 use super::job::Job;
 use super::ledger::{Change, Kept, Leaving, Ledger, LedgerError, Restored, ScenePage, SceneRow};
 use super::ledger::{audit, batches, jobs, known_blobs, next_batch, next_number, now, offers_image, offers_scene};
 use super::ledger::{scene, scenes, unused_blobs, usage};
-use super::batch::BatchSpec;
 use super::outcome::{Developed, Outcome, Record};
 use super::problem::{Code, Problem};
 use super::saved::SavedFilm;

@@ -70,7 +70,11 @@ impl Webhooks {
         };
         let uri: Uri = match url.parse() {
             Ok(uri) if url.len() <= LONGEST => uri,
-            _ => return refuse(format!("must be an address of at most {LONGEST} characters, like https://example.com/hook")),
+            _ => {
+                return refuse(format!(
+                    "must be an address of at most {LONGEST} characters, like https://example.com/hook"
+                ));
+            }
         };
         let (Some(scheme), Some(authority)) = (uri.scheme_str(), uri.authority()) else {
             return refuse("must be a whole address, like https://example.com/hook".to_owned());
@@ -122,7 +126,8 @@ impl Webhooks {
             .header("webhook-id", &delivery.id)
             .header("webhook-timestamp", time.to_string())
             .header("webhook-signature", self.sign(&delivery.id, time, &delivery.body));
-        let reply = request.send(&delivery.body).map_err(|error| Refusal { why: error.to_string(), for_good: false })?;
+        let reply =
+            request.send(&delivery.body).map_err(|error| Refusal { why: error.to_string(), for_good: false })?;
         match reply.status().as_u16() {
             200..=299 => Ok(()),
             410 => Err(Refusal { why: "410: nobody listens any more".to_owned(), for_good: true }),
@@ -182,7 +187,8 @@ fn is_public_v4(address: Ipv4Addr) -> bool {
 fn is_public_v6(address: Ipv6Addr) -> bool {
     let [a, b, ..] = address.segments();
     // What is given out at all, less tunnels, documentation and protocol assignments.
-    let is_special = (a == 0x2001 && b < 0x200) || (a == 0x2001 && b == 0xdb8) || a == 0x2002 || (a == 0x3fff && b < 0x1000);
+    let is_special =
+        (a == 0x2001 && b < 0x200) || (a == 0x2001 && b == 0xdb8) || a == 0x2002 || (a == 0x3fff && b < 0x1000);
     (0x2000..=0x3fff).contains(&a) && !is_special
 }
 
@@ -267,14 +273,38 @@ mod tests {
     #[test]
     fn only_public_addresses_are_told() {
         let private = [
-            "127.0.0.1", "10.1.2.3", "172.16.0.1", "172.31.9.9", "192.168.1.1", "169.254.169.254", "100.64.0.1", "0.0.0.0",
-            "255.255.255.255", "224.0.0.1", "198.18.0.1", "192.0.2.1", "::1", "::", "fe80::1", "fc00::1", "fd12::1", "ff02::1",
-            "::ffff:127.0.0.1", "::ffff:10.0.0.1", "2001:db8::1", "2002:7f00:1::", "64:ff9b::7f00:1", "2001::1", "100::1",
+            "127.0.0.1",
+            "10.1.2.3",
+            "172.16.0.1",
+            "172.31.9.9",
+            "192.168.1.1",
+            "169.254.169.254",
+            "100.64.0.1",
+            "0.0.0.0",
+            "255.255.255.255",
+            "224.0.0.1",
+            "198.18.0.1",
+            "192.0.2.1",
+            "::1",
+            "::",
+            "fe80::1",
+            "fc00::1",
+            "fd12::1",
+            "ff02::1",
+            "::ffff:127.0.0.1",
+            "::ffff:10.0.0.1",
+            "2001:db8::1",
+            "2002:7f00:1::",
+            "64:ff9b::7f00:1",
+            "2001::1",
+            "100::1",
         ];
         for address in private {
             assert!(!is_public(address.parse().unwrap()), "{address}");
         }
-        for address in ["1.1.1.1", "8.8.8.8", "172.32.0.1", "100.128.0.1", "2606:4700::1111", "2a00::1", "::ffff:1.1.1.1"] {
+        for address in
+            ["1.1.1.1", "8.8.8.8", "172.32.0.1", "100.128.0.1", "2606:4700::1111", "2a00::1", "::ffff:1.1.1.1"]
+        {
             assert!(is_public(address.parse().unwrap()), "{address}");
         }
     }
@@ -283,7 +313,18 @@ mod tests {
     fn addresses_are_checked_before_anything_is_begun() {
         let none = webhooks(&[]);
         none.check("https://example.com/hook?a=b").unwrap();
-        for bad in ["http://example.com/", "ftp://example.com/", "example.com", "", "https://me:secret@example.com/", "https://127.0.0.1/", "https://[::1]/", "https://10.0.0.1:8443/", "/hook", &format!("https://example.com/{}", "x".repeat(LONGEST))] {
+        for bad in [
+            "http://example.com/",
+            "ftp://example.com/",
+            "example.com",
+            "",
+            "https://me:secret@example.com/",
+            "https://127.0.0.1/",
+            "https://[::1]/",
+            "https://10.0.0.1:8443/",
+            "/hook",
+            &format!("https://example.com/{}", "x".repeat(LONGEST)),
+        ] {
             assert!(none.check(bad).is_err(), "{bad}");
         }
         let some = webhooks(&["127.0.0.1", "hooks.internal"]);
@@ -294,7 +335,8 @@ mod tests {
 
     #[test]
     fn a_name_that_resolves_to_this_machine_is_not_told() {
-        let delivery = Delivery { id: "msg_1".into(), url: "https://localhost:1/".into(), body: "{}".into(), attempts: 0 };
+        let delivery =
+            Delivery { id: "msg_1".into(), url: "https://localhost:1/".into(), body: "{}".into(), attempts: 0 };
         let Err(refusal) = webhooks(&[]).send(&delivery) else { panic!("it was sent") };
         assert!(refusal.why.contains("not a public address"), "{}", refusal.why);
         let Err(refusal) = webhooks(&["localhost"]).send(&delivery) else { panic!("nobody listens") };

@@ -20,7 +20,8 @@ impl Guarded {
     fn start(keys: &[(&str, Scope, Option<u32>, Option<u64>)]) -> (Self, Vec<String>) {
         let folder = tempfile::tempdir().unwrap();
         let mut file = KeyFile::default();
-        let keys = keys.iter().map(|(name, scope, rate, quota)| file.add(name, *scope, *rate, *quota).unwrap()).collect();
+        let keys =
+            keys.iter().map(|(name, scope, rate, quota)| file.add(name, *scope, *rate, *quota).unwrap()).collect();
         file.write(&folder.path().join("keys.json")).unwrap();
         let server = serve(folder.path());
         (Self { server, file, folder }, keys)
@@ -45,8 +46,11 @@ fn render(server: &Server, key: &str) -> Reply {
 
 #[test]
 fn every_route_asks_for_the_scope_that_it_names() {
-    let (guarded, keys) =
-        Guarded::start(&[("r", Scope::Read, None, None), ("w", Scope::Render, None, None), ("a", Scope::Admin, None, None)]);
+    let (guarded, keys) = Guarded::start(&[
+        ("r", Scope::Read, None, None),
+        ("w", Scope::Render, None, None),
+        ("a", Scope::Admin, None, None),
+    ]);
     let server = &guarded.server;
     for (method, path, scope) in routes() {
         let path = path.replace("{id}", "none");
@@ -75,7 +79,9 @@ fn base64_of(text: &str) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let group = |bytes: &[u8]| {
         let value = bytes.iter().fold(0_u32, |value, byte| value << 8 | u32::from(*byte)) << (8 * (3 - bytes.len()));
-        (0..4).map(move |n| if n <= bytes.len() { DIGITS[(value >> (18 - 6 * n) & 63) as usize] as char } else { '=' }).collect::<String>()
+        (0..4)
+            .map(move |n| if n <= bytes.len() { DIGITS[(value >> (18 - 6 * n) & 63) as usize] as char } else { '=' })
+            .collect::<String>()
     };
     text.as_bytes().chunks(3).map(group).collect()
 }

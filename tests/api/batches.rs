@@ -64,7 +64,8 @@ fn a_manifest_becomes_pictures_in_one_zip() {
     assert_eq!(names, ["one.png", "three.exr", "results.ndjson"]);
     let index: Vec<Value> =
         files[2].1.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice(line).ok()).collect();
-    let told: Vec<_> = index.iter().map(|line| (line["name"].clone(), line["state"].clone(), line["file"].clone())).collect();
+    let told: Vec<_> =
+        index.iter().map(|line| (line["name"].clone(), line["state"].clone(), line["file"].clone())).collect();
     assert_eq!(told[1], (json!("two"), json!("failed"), Value::Null));
     assert_eq!(told[2], (json!("three"), json!("succeeded"), json!("three.exr")));
     assert_eq!(index[1]["problem"]["code"], "render_too_large");
@@ -99,7 +100,11 @@ fn a_batch_is_bounded_and_leaves_the_queue_to_others() {
     let server = Server::with(limits, engine::faulty(engine::Fault::None, 0), Duration::ZERO);
     let scene = server.upload();
     let lines = |count: usize| -> Vec<String> {
-        (0..count).map(|n| line(&scene, &format!("n{n}"), &json!({ "width": 16, "height": 16, "max_samples": 300, "seed": n + 1 }))).collect()
+        (0..count)
+            .map(|n| {
+                line(&scene, &format!("n{n}"), &json!({ "width": 16, "height": 16, "max_samples": 300, "seed": n + 1 }))
+            })
+            .collect()
     };
     let post = |count| server.post("/v1/batches", "application/x-ndjson", lines(count).concat().as_bytes());
     post(6).problem(422, "invalid_params");
@@ -118,7 +123,8 @@ fn a_batch_is_bounded_and_leaves_the_queue_to_others() {
 fn cancelling_a_batch_ends_what_is_not_over() {
     let server = Server::start();
     let scene = server.upload();
-    let batch = begin(&server, &[line(&scene, "a", &tiny()), line(&scene, "b", &endless()), line(&scene, "c", &endless())]);
+    let batch =
+        begin(&server, &[line(&scene, "a", &tiny()), line(&scene, "b", &endless()), line(&scene, "c", &endless())]);
     let job = |n: usize| batch["items"][n]["job"].as_str().expect("an id").to_owned();
     server.wait_for(&job(0), &["succeeded"]);
     server.wait_for(&job(1), &["running"]);
@@ -144,7 +150,8 @@ fn what_is_wrong_is_said_and_nothing_is_begun() {
     let pointer = |reply: &Reply, code| reply.problem(422, code)["errors"][0]["pointer"].clone();
     let wide = post(lines, &[good.clone(), line(&scene, "b", &json!({ "width": 0 }))].concat());
     assert_eq!(pointer(&wide, "invalid_params"), "/items/1/params/width");
-    let unknown = post(lines, &[good.clone(), line("sha256-none", "b", &tiny())].concat()).problem(404, "scene_not_found");
+    let unknown =
+        post(lines, &[good.clone(), line("sha256-none", "b", &tiny())].concat()).problem(404, "scene_not_found");
     assert_eq!(unknown["errors"][0]["pointer"], "/items/1/scene");
     let image = json!({ "environment": { "hdri": "sha256-none" } });
     assert_eq!(pointer(&post(lines, &line(&scene, "a", &image)), "invalid_params"), "/items/0/params/environment/hdri");

@@ -62,7 +62,8 @@ fn receive(listener: &TcpListener, answer: &str) -> Message {
         }
         line.clear();
     }
-    let length = headers.iter().find(|(name, _)| name == "content-length").map_or(0, |(_, value)| value.parse().unwrap());
+    let length =
+        headers.iter().find(|(name, _)| name == "content-length").map_or(0, |(_, value)| value.parse().unwrap());
     let mut body = vec![0; length];
     reader.read_exact(&mut body).unwrap();
     write!(reader.get_mut(), "HTTP/1.1 {answer}\r\ncontent-length: 0\r\nconnection: close\r\n\r\n").unwrap();
@@ -114,7 +115,14 @@ fn what_was_not_taken_is_sent_again_after_a_restart_too() {
 fn only_allowed_addresses_are_taken() {
     let server = serve(None, &[]);
     let scene = server.upload();
-    for url in ["http://example.com/", "https://127.0.0.1/", "https://[::1]/", "https://192.168.0.1/", "https://a:b@example.com/", "example"] {
+    for url in [
+        "http://example.com/",
+        "https://127.0.0.1/",
+        "https://[::1]/",
+        "https://192.168.0.1/",
+        "https://a:b@example.com/",
+        "example",
+    ] {
         let problem = begin(&server, &scene, url, &tiny()).problem(422, "invalid_params");
         assert_eq!(problem["errors"][0]["pointer"], "/webhook/url", "{url}");
     }

@@ -164,7 +164,8 @@ fn a_cancelled_render_makes_room_at_once() {
     let scene = scene(&server);
     let (mut replies, mut room) = (Times::default(), Times::default());
     let begin = |params: &Value| {
-        let (_, job) = server.send("POST", "/v1/jobs", &json!({ "scene": scene, "params": params }), true, None).expect("a reply");
+        let (_, job) =
+            server.send("POST", "/v1/jobs", &json!({ "scene": scene, "params": params }), true, None).expect("a reply");
         job["id"].as_str().expect("an id").to_owned()
     };
     let wait_for_state = |id: &str, state: &str| {
@@ -195,9 +196,8 @@ fn a_server_with_many_listeners_ends_soon() {
     let connections = (count + 100).to_string();
     let server = Server::start_with(None, &["--connections", &connections, "--drain-seconds", "1"]);
     let scene = scene(&server);
-    let (_, job) = server
-        .send("POST", "/v1/jobs", &json!({ "scene": scene, "params": endless() }), true, None)
-        .expect("a reply");
+    let (_, job) =
+        server.send("POST", "/v1/jobs", &json!({ "scene": scene, "params": endless() }), true, None).expect("a reply");
     let id = job["id"].as_str().expect("an id");
     let open = |_| {
         let mut stream = TcpStream::connect(&server.address).expect("a connection");
@@ -219,7 +219,9 @@ fn a_server_with_many_listeners_ends_soon() {
         String::from_utf8_lossy(&text).contains("event: failed")
     };
     let whole = streams.into_iter().map(heard_the_end).filter(|heard| *heard).count();
-    eprintln!("{count} streams were open; the server ended {took:.1?} after SIGTERM, with 1 s for its jobs; {whole} streams heard the end");
+    eprintln!(
+        "{count} streams were open; the server ended {took:.1?} after SIGTERM, with 1 s for its jobs; {whole} streams heard the end"
+    );
     assert_eq!(whole as u64, count);
     assert!(took < Duration::from_secs(10), "{took:?}");
 }

@@ -16,7 +16,8 @@ pub struct Server {
 impl Server {
     /// With a data folder or without; ready when this returns.
     pub fn start(folder: Option<&Path>) -> Self {
-        let usual = ["--save-film-ms", "40", "--queue-length", "100000", "--kept-jobs", "100000", "--drain-seconds", "0"];
+        let usual =
+            ["--save-film-ms", "40", "--queue-length", "100000", "--kept-jobs", "100000", "--drain-seconds", "0"];
         Self::start_with(folder, &usual)
     }
 

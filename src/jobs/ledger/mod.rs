@@ -12,7 +12,8 @@ pub use audit::audit;
 pub use change::{Change, Standing};
 pub use deliveries::{Delivery, deliveries};
 pub use read::{
-    Restored, ScenePage, SceneRow, batches, jobs, next_batch, next_number, offers_image, offers_scene, scene, scenes, usage,
+    Restored, ScenePage, SceneRow, batches, jobs, next_batch, next_number, offers_image, offers_scene, scene, scenes,
+    usage,
 };
 pub use retention::{Kept, Leaving, known_blobs, unused_blobs};
 
