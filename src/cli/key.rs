@@ -43,19 +43,20 @@ enum What {
 
 /// Changes the file, or shows it.
 pub fn run(arguments: &KeyArgs) -> Result<(), Failure> {
-    let file = KeyFile::read_or_new(&arguments.keys).map_err(failure)?;
+    let file = KeyFile::read_or_new(&arguments.keys).map_err(|error| failure(&error))?;
     let text = match &arguments.what {
         What::Add { name, scope, requests_per_minute, renders_per_day } => {
             let mut file = file;
-            let key = file.add(name, *scope, *requests_per_minute, *renders_per_day).map_err(failure)?;
-            file.write(&arguments.keys).map_err(failure)?;
+            let key =
+                file.add(name, *scope, *requests_per_minute, *renders_per_day).map_err(|error| failure(&error))?;
+            file.write(&arguments.keys).map_err(|error| failure(&error))?;
             format!("{key}\n")
         }
         What::List => list(&file),
         What::Revoke { name } => {
             let mut file = file;
-            file.revoke(name).map_err(failure)?;
-            file.write(&arguments.keys).map_err(failure)?;
+            file.revoke(name).map_err(|error| failure(&error))?;
+            file.write(&arguments.keys).map_err(|error| failure(&error))?;
             String::new()
         }
     };
@@ -74,7 +75,7 @@ fn list(file: &KeyFile) -> String {
     text
 }
 
-fn failure(error: KeyError) -> Failure {
+fn failure(error: &KeyError) -> Failure {
     match error {
         KeyError::File(..) => Failure::Machine(error.to_string()),
         KeyError::Content(..) | KeyError::Request(_) => Failure::Request(error.to_string()),

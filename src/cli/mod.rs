@@ -27,7 +27,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Renders for clients over HTTP.
-    Serve(ServeConfig),
+    Serve(Box<ServeConfig>),
     /// Renders one picture, or those of a manifest, without a server or by one.
     Render(render::RenderArgs),
     /// Makes, lists and revokes API keys.
@@ -63,7 +63,7 @@ impl Failure {
 /// Does what the arguments of the process say. Exit code 2: they, the parameters or the scene are at fault; 1: the machine.
 pub fn main() -> ExitCode {
     let done = match Cli::parse().command {
-        Command::Serve(config) => serve::run(config),
+        Command::Serve(config) => serve::run(*config),
         Command::Render(arguments) => render::run(&arguments),
         Command::Key(arguments) => key::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),

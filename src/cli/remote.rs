@@ -56,11 +56,11 @@ impl Remote {
         items: &[Item],
         mut tell: impl FnMut(&Item, Result<Vec<u8>, Failure>) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
-        let most = self.json("GET", "/v1/limits", &[], Vec::new())?["batch_items"].as_u64().unwrap_or(1).max(1);
+        let most = self.json("GET", "/v1/limits", &[], &[])?["batch_items"].as_u64().unwrap_or(1).max(1);
         let mut uploads = Uploads { remote: self, scenes: HashMap::new(), images: HashMap::new() };
         for part in items.chunks(usize::try_from(most).unwrap_or(usize::MAX)) {
             let lines = part.iter().map(|item| uploads.line(item)).collect::<Result<String, Failure>>()?;
-            self.batch(part, lines, &mut tell)?;
+            self.batch(part, &lines, &mut tell)?;
         }
         Ok(())
     }
@@ -68,16 +68,16 @@ impl Remote {
     fn batch(
         &self,
         items: &[Item],
-        lines: String,
+        lines: &str,
         tell: &mut impl FnMut(&Item, Result<Vec<u8>, Failure>) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
         let headers = [("content-type", "application/x-ndjson")];
-        let batch = self.json("POST", "/v1/batches", &headers, lines.into_bytes())?;
+        let batch = self.json("POST", "/v1/batches", &headers, lines.as_bytes())?;
         let id = text(&batch, "id")?;
         let mut told = vec![false; items.len()];
         while told.iter().any(|told| !told) {
             let wait = format!("wait={LOOK}");
-            let batch = self.json("GET", &format!("/v1/batches/{id}"), &[("prefer", &wait)], Vec::new())?;
+            let batch = self.json("GET", &format!("/v1/batches/{id}"), &[("prefer", &wait)], &[])?;
             let rows = batch["items"].as_array().map(Vec::as_slice).unwrap_or_default();
             for ((item, row), told) in items.iter().zip(rows).zip(&mut told) {
                 let result = match row["state"].as_str() {
@@ -99,8 +99,8 @@ impl Remote {
         bytes(checked(reply)?)
     }
 
-    fn json(&self, method: &str, path: &str, headers: &[(&str, &str)], body: Vec<u8>) -> Result<Value, Failure> {
-        let reply = checked(self.send(method, path, headers, &body)?)?;
+    fn json(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> Result<Value, Failure> {
+        let reply = checked(self.send(method, path, headers, body)?)?;
         serde_json::from_slice(&bytes(reply)?).map_err(|error| machine(&format!("{path}: {error}")))
     }
 
@@ -161,7 +161,7 @@ impl Uploads<'_> {
         }
         let package = package(scene, &Limits::default())?;
         let kind = format!("multipart/form-data; boundary={BOUNDARY}");
-        let reply = self.remote.json("POST", "/v1/scenes", &[("content-type", &kind)], form(package.files())?);
+        let reply = self.remote.json("POST", "/v1/scenes", &[("content-type", &kind)], &form(package.files())?);
         let reply = reply.map_err(|failure| Failure::Request(format!("{scene}: {failure}")))?;
         let id = text(&reply, "id")?;
         self.scenes.insert(scene.to_owned(), id.clone());
@@ -174,7 +174,7 @@ impl Uploads<'_> {
         }
         let bytes = std::fs::read(file).map_err(|error| Failure::Request(format!("environment {file}: {error}")))?;
         let headers = [("content-type", "application/octet-stream")];
-        let id = text(&self.remote.json("POST", "/v1/images", &headers, bytes)?, "id")?;
+        let id = text(&self.remote.json("POST", "/v1/images", &headers, &bytes)?, "id")?;
         self.images.insert(file.to_owned(), id.clone());
         Ok(id)
     }

@@ -108,11 +108,14 @@ fn check_aovs(aovs: &[(Aov, PathBuf)], params: &RenderParams) -> Result<(), Fail
     Ok(())
 }
 
+/// Index of the glTF scene, and name of the variant.
+type Part = (Option<usize>, Option<String>);
+
 /// The scene that was read last and what was compiled of it: the pictures of a manifest mostly share theirs.
 #[derive(Default)]
 pub struct Stage {
     scene: Option<(String, Arc<Scene>)>,
-    compiled: Option<((Option<usize>, Option<String>), Arc<CompiledScene>)>,
+    compiled: Option<(Part, Arc<CompiledScene>)>,
 }
 
 impl Stage {

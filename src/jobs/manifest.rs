@@ -99,7 +99,7 @@ pub fn from_lines(text: &str, most: usize) -> Result<Vec<Item>, ManifestError> {
         match params::read::<Line>(&value) {
             Ok(line) => {
                 let name = line.name.unwrap_or_else(|| format!("{index:04}"));
-                draft.add(&root, name, line.scene, line.params.unwrap_or_default(), line.priority);
+                draft.add(&root, name, line.scene, &line.params.unwrap_or_default(), line.priority);
             }
             Err(fault) => draft.faults.push(below(&root, fault)),
         }
@@ -145,7 +145,7 @@ pub fn from_matrix(value: &Value, most: usize) -> Result<Vec<Item>, ManifestErro
         }
         let name = if parts.is_empty() { "picture".to_owned() } else { parts.join("_") };
         let scene = matrix.scenes.get(scene).cloned().unwrap_or_default();
-        draft.add(&format!("/items/{index}"), name, scene, params, matrix.priority);
+        draft.add(&format!("/items/{index}"), name, scene, &params, matrix.priority);
     }
     draft.finish()
 }
@@ -167,7 +167,7 @@ struct Draft {
 }
 
 impl Draft {
-    fn add(&mut self, root: &str, name: String, scene: String, params: Value, priority: i32) {
+    fn add(&mut self, root: &str, name: String, scene: String, params: &Value, priority: i32) {
         if self.faults.len() >= MOST_FAULTS {
             return;
         }

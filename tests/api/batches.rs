@@ -44,8 +44,9 @@ fn entries(reply: &Reply) -> Vec<(String, Vec<u8>)> {
     (0..count).map(&mut entry).collect()
 }
 
-fn keeping(folder: &Path, limits: Limits) -> Server {
-    let limits = Limits { save_film_ms: 20, ..limits };
+/// Keeps its data, and renders one picture at a time.
+fn keeping(folder: &Path) -> Server {
+    let limits = Limits { save_film_ms: 20, active_renders: 1, ..Limits::default() };
     Server::in_folder(Some(folder), limits, engine::faulty(engine::Fault::TooLarge, 0), Duration::ZERO)
 }
 
@@ -182,17 +183,16 @@ fn the_same_key_is_the_same_batch() {
 #[test]
 fn a_restart_loses_no_item() {
     let folder = tempfile::tempdir().unwrap();
-    let limits = || Limits { active_renders: 1, ..Limits::default() };
     let params = |n: usize| json!({ "width": 16, "height": 16, "max_samples": 80, "seed": n + 1 });
     let (scene, batch);
     {
-        let server = keeping(folder.path(), limits());
+        let server = keeping(folder.path());
         scene = server.upload();
         let lines: Vec<String> = (0..20).map(|n| line(&scene, &format!("n{n}"), &params(n))).collect();
         batch = begin(&server, &lines);
         server.wait_for(batch["items"][2]["job"].as_str().expect("an id"), &["succeeded"]);
     }
-    let server = keeping(folder.path(), limits());
+    let server = keeping(folder.path());
     let after = finished(&server, &batch["id"]);
     assert_eq!(after["counts"]["succeeded"], 20, "{after}");
     let jobs = |batch: &Value| -> Vec<Value> {
