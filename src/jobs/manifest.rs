@@ -224,7 +224,7 @@ mod tests {
             "scenes": ["a", "b"],
             "params": {"width": 9},
             "cameras": [{"index": 0}, {"orbit": {"azimuth_degrees": 90}}, null],
-            "lights": [[], [{"type": "point"}]],
+            "lights": [[], [{"type": "ambient"}]],
         });
         let items = read(&matrix.to_string(), 12).unwrap();
         let names: HashSet<_> = items.iter().map(|item| item.name.clone()).collect();

@@ -5,6 +5,7 @@
 
 mod access;
 mod batches;
+mod command_line;
 mod connections;
 mod contract;
 mod durable;
