@@ -176,8 +176,9 @@ fn a_cancelled_render_makes_room_at_once() {
         }
     };
     for _ in 0..rounds {
-        let (running, waiting) = (begin(&endless()), begin(&endless()));
+        let running = begin(&endless());
         wait_for_state(&running, "running");
+        let waiting = begin(&endless());
         let begun = Instant::now();
         let reply = server.send("POST", &format!("/v1/jobs/{running}/cancel"), &Value::Null, false, None);
         replies.0.push(begun.elapsed());
