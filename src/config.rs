@@ -72,6 +72,10 @@ limits! {
     render_memory_bytes: u64 = 8 << 30, "CANDELA_RENDER_MEMORY_BYTES";
     /// Jobs waiting to be rendered; further ones are refused at once.
     queue_length: usize = 64, "CANDELA_QUEUE_LENGTH";
+    /// Renders of one batch.
+    batch_items: usize = 1000, "CANDELA_BATCH_ITEMS";
+    /// Renders of batches that wait, besides `queue_length`; further batches are refused at once.
+    batch_queue_length: usize = 10_000, "CANDELA_BATCH_QUEUE_LENGTH";
     /// Renders that share the device; one more place is kept for short ones.
     active_renders: usize = 4, "CANDELA_ACTIVE_RENDERS";
     /// Milliseconds between two savings of an unfinished film, where there is a data folder.
@@ -134,6 +138,19 @@ pub struct ServeConfig {
     /// Seconds that jobs get to finish after SIGTERM or SIGINT.
     #[arg(long, env = "CANDELA_DRAIN_SECONDS", default_value_t = 30)]
     pub drain_seconds: u64,
+    /// File of API keys (`candela key`), which every request must then have; without one everybody may do everything.
+    #[arg(long, env = "CANDELA_KEYS", value_name = "FILE")]
+    pub keys: Option<PathBuf>,
+    /// Names besides addresses and localhost by which clients may call the server (`Host`); without any, a server that listens on
+    /// this machine alone has no other name, and one that listens on the network any.
+    #[arg(long, env = "CANDELA_ALLOWED_HOSTS", value_name = "NAME,...", value_delimiter = ',')]
+    pub allowed_hosts: Vec<String>,
+    /// File of the secret (`whsec_...`) with which webhooks are signed; without one none are sent.
+    #[arg(long, env = "CANDELA_WEBHOOK_SECRET", value_name = "FILE")]
+    pub webhook_secret: Option<PathBuf>,
+    /// Hosts and addresses that webhooks may go to although they are not public.
+    #[arg(long, env = "CANDELA_WEBHOOK_HOSTS", value_name = "HOST,...", value_delimiter = ',')]
+    pub webhook_hosts: Vec<String>,
     /// How the log is written to standard error.
     #[arg(long, env = "CANDELA_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     pub log_format: LogFormat,
@@ -167,6 +184,11 @@ impl ServeConfig {
             let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
             let line = match &values[argument.get_id().as_str()] {
                 Value::Null => format!("#{variable}="),
+                Value::Array(list) if list.is_empty() => format!("#{variable}="),
+                Value::Array(list) => {
+                    let words: Vec<&str> = list.iter().filter_map(Value::as_str).collect();
+                    format!("{variable}={}", words.join(","))
+                }
                 Value::String(text) => format!("{variable}={text}"),
                 other => format!("{variable}={other}"),
             };

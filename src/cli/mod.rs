@@ -3,7 +3,10 @@
 mod bench;
 mod demo;
 mod doctor;
+mod key;
+mod manifest;
 mod progress;
+mod remote;
 mod render;
 mod request;
 mod serve;
@@ -24,9 +27,11 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Renders for clients over HTTP.
-    Serve(ServeConfig),
-    /// Renders one picture, without a server.
+    Serve(Box<ServeConfig>),
+    /// Renders one picture, or those of a manifest, without a server or by one.
     Render(render::RenderArgs),
+    /// Makes, lists and revokes API keys.
+    Key(key::KeyArgs),
     /// Writes one of the scenes that Candela makes itself.
     Demo(demo::DemoArgs),
     /// Says what this machine has, and whether it is in order.
@@ -58,8 +63,9 @@ impl Failure {
 /// Does what the arguments of the process say. Exit code 2: they, the parameters or the scene are at fault; 1: the machine.
 pub fn main() -> ExitCode {
     let done = match Cli::parse().command {
-        Command::Serve(config) => serve::run(config),
+        Command::Serve(config) => serve::run(*config),
         Command::Render(arguments) => render::run(&arguments),
+        Command::Key(arguments) => key::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),

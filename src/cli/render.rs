@@ -3,14 +3,14 @@
 use super::progress::Bar;
 use super::request::{Request, Target, request};
 use super::summary::Summary;
-use super::{Failure, demo};
-use crate::compile::{self, Hdri};
+use super::{Failure, demo, manifest};
+use crate::compile::{self, CompiledScene, Hdri};
 use crate::film::{self, Aov, Aovs};
 use crate::params::{EnvironmentChoice, RenderParams};
 use crate::render::prepare::{Prepared, prepare, render_to_end};
 use crate::render::report::{Report, Stages};
 use crate::render::{Engine, Engines, RenderError};
-use crate::scene::{self, Package};
+use crate::scene::{self, Package, Scene};
 use clap::Args;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -24,6 +24,7 @@ pub const DEMO_PREFIX: &str = "demo:";
 #[derive(Debug, Args)]
 pub struct RenderArgs {
     /// A .glb, .gltf or .zip, or demo:NAME (`candela demo` lists the names).
+    #[arg(required_unless_present = "manifest", default_value = "", hide_default_value = true)]
     pub scene: String,
     /// Parameters as of `POST /v1/jobs`: a file of JSON, or JSON itself.
     #[arg(short, long, value_name = "FILE|JSON")]
@@ -31,7 +32,8 @@ pub struct RenderArgs {
     /// A parameter by name, over those of --params: `width=640`, `camera.yfov_degrees=30`. May be repeated.
     #[arg(short, long, value_name = "NAME=VALUE")]
     pub set: Vec<String>,
-    /// Picture to write (.png, .exr, .webp, .jpg), or - for standard output; by default named after the scene.
+    /// Picture to write (.png, .exr, .webp, .jpg), or - for standard output; by default named after the scene. Of a manifest the
+    /// folder of its pictures.
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// What is known of each pixel besides, as .exr: `standard_error=FILE.exr`, `samples=FILE.exr`. May be repeated.
@@ -40,6 +42,16 @@ pub struct RenderArgs {
     /// Environment picture (.hdr, .exr): the same as `environment.hdri`.
     #[arg(long, value_name = "FILE")]
     pub hdri: Option<PathBuf>,
+    /// Many pictures: a file (or - for standard input) of a JSON object per line like `{"scene": "duck.glb", "name": "top", "params":
+    /// {"width": 640}}`, or of one object with `scenes`, `params`, `cameras`, `variants` and `lights`, of which every combination is made.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["scene", "params", "set", "aov", "hdri", "json"])]
+    pub manifest: Option<PathBuf>,
+    /// Has the server at this address render the manifest: http://127.0.0.1:8080.
+    #[arg(long, value_name = "URL", requires = "manifest")]
+    pub server: Option<String>,
+    /// API key for that server.
+    #[arg(long, env = "CANDELA_KEY", hide_env_values = true, requires = "server")]
+    pub key: Option<String>,
     /// Prints the report as JSON on standard output.
     #[arg(long)]
     pub json: bool,
@@ -48,14 +60,17 @@ pub struct RenderArgs {
     pub quiet: bool,
 }
 
-/// Renders one picture on the best device of this machine.
+/// Renders one picture on the best device of this machine, or those of a manifest.
 pub fn run(arguments: &RenderArgs) -> Result<(), Failure> {
+    if let Some(manifest) = &arguments.manifest {
+        return manifest::run(arguments, manifest);
+    }
     let request = request(arguments)?;
     if arguments.json && request.target == Target::Stdout {
         return Err(Failure::Request("--json and --output - both want standard output: give a file to one".into()));
     }
     check_aovs(&arguments.aov, &request.params)?;
-    let (prepared, stages) = load(&arguments.scene, &request.params)?;
+    let (prepared, stages) = Stage::default().load(&arguments.scene, &request.params)?;
     let (bytes, aovs, report) = picture(&mut Engines::new(), prepared, stages, &request.params, arguments.quiet)?;
     write(&request.target, &bytes)?;
     for (aov, path) in &arguments.aov {
@@ -93,26 +108,61 @@ fn check_aovs(aovs: &[(Aov, PathBuf)], params: &RenderParams) -> Result<(), Fail
     Ok(())
 }
 
-/// Scene and environment, read and compiled.
-fn load(scene: &str, params: &RenderParams) -> Result<(Prepared, Stages), Failure> {
-    let mut stages = Stages::default();
-    let begun = Instant::now();
-    let limits = scene::Limits::default();
+/// Index of the glTF scene, and name of the variant.
+type Part = (Option<usize>, Option<String>);
+
+/// The scene that was read last and what was compiled of it: the pictures of a manifest mostly share theirs.
+#[derive(Default)]
+pub struct Stage {
+    scene: Option<(String, Arc<Scene>)>,
+    compiled: Option<(Part, Arc<CompiledScene>)>,
+}
+
+impl Stage {
+    /// Scene and environment, read and compiled.
+    pub fn load(&mut self, scene: &str, params: &RenderParams) -> Result<(Prepared, Stages), Failure> {
+        let mut stages = Stages::default();
+        let begun = Instant::now();
+        let faulty = |fault: String| Failure::Request(format!("{scene}: {fault}"));
+        let imported = self.import(scene)?;
+        let hdri = hdri(params)?;
+        stages.import = seconds(begun);
+        let begun = Instant::now();
+        let part = (params.scene, params.variant.clone());
+        let compiled = match self.compiled.take() {
+            Some((of, compiled)) if of == part => compiled,
+            _ => {
+                let compiled = compile::compile_variant(&imported, params.scene, params.variant.as_deref());
+                Arc::new(compiled.map_err(|error| faulty(error.to_string()))?)
+            }
+        };
+        self.compiled = Some((part, Arc::clone(&compiled)));
+        let prepared = prepare(&imported, compiled, params, hdri).map_err(|error| faulty(error.to_string()))?;
+        stages.compile = seconds(begun);
+        Ok((prepared, stages))
+    }
+
+    fn import(&mut self, name: &str) -> Result<Arc<Scene>, Failure> {
+        if let Some((_, scene)) = self.scene.as_ref().filter(|(known, _)| known == name) {
+            return Ok(Arc::clone(scene));
+        }
+        // Two scenes at a time are one too many for a large one.
+        *self = Self::default();
+        let limits = scene::Limits::default();
+        let imported = scene::import(&package(name, &limits)?, &limits);
+        let imported = Arc::new(imported.map_err(|error| Failure::Request(format!("{name}: {}", located(&error))))?);
+        self.scene = Some((name.to_owned(), Arc::clone(&imported)));
+        Ok(imported)
+    }
+}
+
+/// The files of a scene, or of a demo.
+pub fn package(scene: &str, limits: &scene::Limits) -> Result<Package, Failure> {
     let package = match scene.strip_prefix(DEMO_PREFIX) {
-        Some(name) => Package::from_bytes(demo::make(name)?, &limits),
-        None => Package::from_path(Path::new(scene), &limits),
+        Some(name) => Package::from_bytes(demo::make(name)?, limits),
+        None => Package::from_path(Path::new(scene), limits),
     };
-    let faulty = |fault: String| Failure::Request(format!("{scene}: {fault}"));
-    let imported = package.and_then(|package| scene::import(&package, &limits));
-    let imported = imported.map_err(|error| faulty(located(&error)))?;
-    let hdri = hdri(params)?;
-    stages.import = seconds(begun);
-    let begun = Instant::now();
-    let compiled = compile::compile_variant(&imported, params.scene, params.variant.as_deref())
-        .map_err(|e| faulty(e.to_string()))?;
-    let prepared = prepare(&imported, Arc::new(compiled), params, hdri).map_err(|e| faulty(e.to_string()))?;
-    stages.compile = seconds(begun);
-    Ok((prepared, stages))
+    package.map_err(|error| Failure::Request(format!("{scene}: {}", located(&error))))
 }
 
 /// What is wrong and where; faults of the file as a whole have no place.
@@ -132,7 +182,7 @@ fn hdri(params: &RenderParams) -> Result<Option<Arc<Hdri>>, Failure> {
 }
 
 /// Traces and encodes.
-fn picture(
+pub fn picture(
     engine: &mut dyn Engine,
     prepared: Prepared,
     mut stages: Stages,
@@ -177,7 +227,8 @@ fn picture(
     })
 }
 
-fn write(target: &Target, bytes: &[u8]) -> Result<(), Failure> {
+/// Writes a file, or standard output.
+pub fn write(target: &Target, bytes: &[u8]) -> Result<(), Failure> {
     let written = match target {
         Target::File(path) => std::fs::write(path, bytes),
         Target::Stdout => std::io::stdout().write_all(bytes),

@@ -35,7 +35,7 @@ pub fn request(arguments: &RenderArgs) -> Result<Request, Failure> {
     let asked = asks_for_format(&json, arguments).then_some(params.output.format);
     let target = target(arguments, &mut params)?;
     if let Some(asked) = asked.filter(|asked| *asked != params.output.format) {
-        let (asked, path) = (extension(asked), arguments.output.as_deref().unwrap_or(Path::new("")).display());
+        let (asked, path) = (asked.extension(), arguments.output.as_deref().unwrap_or(Path::new("")).display());
         let detail = format!("--output {path} does not go with output.format, which asks for {asked}: leave one out");
         return Err(Failure::Request(detail));
     }
@@ -44,7 +44,7 @@ pub fn request(arguments: &RenderArgs) -> Result<Request, Failure> {
 }
 
 /// Nobody else waits for this machine: only what memory and arithmetic can hold is a limit.
-fn limits() -> ParamLimits {
+pub fn limits() -> ParamLimits {
     ParamLimits { pixels: 1 << 28, pixel_samples: u64::MAX, ..ParamLimits::default() }
 }
 
@@ -73,7 +73,7 @@ fn target(arguments: &RenderArgs, params: &mut RenderParams) -> Result<Target, F
     let Some(path) = &arguments.output else {
         let name = Path::new(arguments.scene.trim_start_matches(super::render::DEMO_PREFIX));
         let stem = name.file_stem().map_or_else(|| "picture".into(), |stem| stem.to_string_lossy());
-        return Ok(Target::File(PathBuf::from(format!("{stem}.{}", extension(params.output.format)))));
+        return Ok(Target::File(PathBuf::from(format!("{stem}.{}", params.output.format.extension()))));
     };
     if path.as_os_str() == "-" {
         return Ok(Target::Stdout);
@@ -107,15 +107,6 @@ fn asks_for_format(json: &str, arguments: &RenderArgs) -> bool {
         None => false,
     };
     has(json, "/output/format") || arguments.set.iter().any(set)
-}
-
-fn extension(format: ImageFormat) -> &'static str {
-    match format {
-        ImageFormat::Png => "png",
-        ImageFormat::Exr => "exr",
-        ImageFormat::Webp => "webp",
-        ImageFormat::Jpeg => "jpg",
-    }
 }
 
 fn faulty(faults: &[FieldError]) -> Failure {

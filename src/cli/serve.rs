@@ -2,8 +2,8 @@
 
 use super::Failure;
 use crate::config::{LogFormat, ServeConfig};
-use crate::http;
-use crate::jobs::Service;
+use crate::http::{self, Access};
+use crate::jobs::{Service, Webhooks};
 use crate::render::{Engine, Engines};
 use anyhow::Context;
 use std::io::{IsTerminal, Write};
@@ -44,16 +44,33 @@ async fn serve(config: ServeConfig) -> anyhow::Result<()> {
         format!("cannot listen on {} (--listen 127.0.0.1:8081 takes another port, port 0 any free one)", config.listen)
     })?;
     let address = listener.local_addr()?;
+    let access = Access::new(config.keys.as_deref(), config.allowed_hosts.clone())?;
+    if !access.has_keys() && !address.ip().is_loopback() {
+        tracing::warn!("whoever reaches {address} may use this server (--keys FILE asks for keys)");
+    }
     let engines = Box::new(|| Ok(Box::new(Engines::new()) as Box<dyn Engine>));
+    let webhooks = webhooks(&config)?;
     let service = Service::start_in(config.data.as_deref(), config.limits, engines).await?;
+    if let Some(webhooks) = webhooks {
+        service.tell_webhooks(webhooks);
+    }
     match &config.data {
         Some(folder) => tracing::info!(folder = %folder.display(), "jobs and uploads are kept"),
         None => tracing::info!("jobs and uploads end with this process (--data FOLDER keeps them)"),
     }
     tracing::info!("Candela is ready: http://{}/", reachable(address));
-    http::serve(listener, service, asked_to_stop()?, Duration::from_secs(config.drain_seconds)).await?;
+    http::serve(listener, service, &access, asked_to_stop()?, Duration::from_secs(config.drain_seconds)).await?;
     tracing::info!("stopped");
     Ok(())
+}
+
+/// How webhooks are signed, if they are to be sent.
+fn webhooks(config: &ServeConfig) -> anyhow::Result<Option<Webhooks>> {
+    let Some(file) = &config.webhook_secret else { return Ok(None) };
+    let place = || format!("--webhook-secret {}", file.display());
+    let secret = std::fs::read_to_string(file).with_context(place)?;
+    let webhooks = Webhooks::new(&secret, &config.webhook_hosts).map_err(anyhow::Error::msg);
+    webhooks.map(Some).with_context(place)
 }
 
 /// An address at which this machine itself reaches the server.
@@ -90,6 +107,10 @@ mod tests {
         ServeConfig {
             listen,
             data: None,
+            keys: None,
+            allowed_hosts: Vec::new(),
+            webhook_secret: None,
+            webhook_hosts: Vec::new(),
             drain_seconds: 0,
             log_format: LogFormat::Text,
             print_config: false,

@@ -2,7 +2,7 @@
 
 use super::App;
 use super::metrics::Counted;
-use crate::jobs::{Event as News, EventLog, Job, Problem};
+use crate::jobs::{Code, Event as News, EventLog, Job, Problem};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event, KeepAlive, Sse};
@@ -25,7 +25,7 @@ type Sent = Result<Event, Infallible>;
 /// 204 to those who have seen the last event: browsers then stop asking.
 pub async fn stream(State(app): State<App>, Path(id): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
     let job = app.service.job(&id).await?;
-    let seen = headers.get("last-event-id").and_then(|value| value.to_str().ok()?.parse().ok()).unwrap_or(0);
+    let seen = last_event(&headers)?;
     if job.is_over() && job.events.after(seen).is_empty() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
@@ -36,6 +36,13 @@ pub async fn stream(State(app): State<App>, Path(id): Path<String>, headers: Hea
         follow(job, seen, app.service.closed(), sender).await;
     });
     Ok(Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
+}
+
+/// `Last-Event-ID`; none: from the beginning.
+fn last_event(headers: &HeaderMap) -> Result<u64, Problem> {
+    let Some(value) = headers.get("last-event-id") else { return Ok(0) };
+    let id = value.to_str().ok().and_then(|text| text.parse().ok());
+    id.ok_or_else(|| Problem::new(Code::BadRequest, "`Last-Event-ID` must be the id of an event, a whole number"))
 }
 
 /// Sends events until the last one, until nobody listens, or until the service is over.

@@ -1,7 +1,7 @@
 //! `/v1/jobs`: renders that outlive the request that began them.
 
 use super::scenes::{Page, bad_cursor};
-use super::{App, accept, client, picture, query, scenes, upload};
+use super::{App, accept, caller, picture, query, scenes, upload};
 use crate::film::Aov;
 use crate::jobs::{Code, Job, Order, Problem, Stages, State as JobState, Submission};
 use crate::params::{self, FieldError, ImageFormat};
@@ -23,6 +23,15 @@ struct NewJob {
     params: Option<Value>,
     #[serde(default)]
     priority: i32,
+    #[serde(default)]
+    webhook: Option<Webhook>,
+}
+
+/// Who is to be told of a job's end.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Webhook {
+    url: String,
 }
 
 /// `POST /v1/jobs`
@@ -55,15 +64,17 @@ async fn begin(
     request: Request,
 ) -> Result<Response, Problem> {
     let [] = query::fields(request.uri(), [])?;
-    let client = client(&request);
-    let order = read_order(&app, request).await?;
+    let caller = caller(&request);
+    let (order, webhook) = read_order(&app, request).await?;
+    let webhook = webhook.map(|webhook| webhook.url);
     let longest = Duration::from_secs(app.service.limits().wait_seconds);
     let patience = accept::wait(headers, longest);
     if patience.is_some() {
         // A format that cannot be made is refused before the work, not after it.
         accept::picture_format(headers, order.params.output.format)?;
     }
-    let submission = Submission { id, key, anew: wants_anew(headers), ..Submission::new(order, client) };
+    let (anew, quota) = (wants_anew(headers), caller.renders_per_day);
+    let submission = Submission { id, key, anew, quota, webhook, ..Submission::new(order, caller.client) };
     let job = app.service.submit(submission).await?;
     job.settled().await;
     let Some(patience) = patience else { return Ok(accepted(&app, &job)) };
@@ -80,7 +91,7 @@ async fn begin(
 }
 
 /// `Idempotency-Key`: any text of up to 255 visible characters.
-fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+pub fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
     let key = value.to_str().ok().filter(|key| (1..=255).contains(&key.len()));
     let fault = || Problem::new(Code::BadRequest, "`Idempotency-Key` must be 1 to 255 visible ASCII characters");
@@ -99,7 +110,7 @@ fn accepted(app: &App, job: &Job) -> Response {
     (StatusCode::ACCEPTED, location.ok(), Json(app.service.describe(job))).into_response()
 }
 
-async fn read_order(app: &App, request: Request) -> Result<Order, Problem> {
+async fn read_order(app: &App, request: Request) -> Result<(Order, Option<Webhook>), Problem> {
     let body = upload::read_json(app, request).await?;
     let new: NewJob = params::read(&body).map_err(|fault| Problem::fields(Code::InvalidParams, vec![fault]))?;
     let text = new.params.map_or_else(|| "{}".to_owned(), |params| params.to_string());
@@ -109,7 +120,7 @@ async fn read_order(app: &App, request: Request) -> Result<Order, Problem> {
         ..scenes::unknown(&new.scene)
     })?;
     let hdri = app.service.stored_hdri(&params).await?;
-    Ok(Order { scene, hdri, params, priority: new.priority, stages: Stages::default() })
+    Ok((Order { scene, hdri, params, priority: new.priority, stages: Stages::default() }, new.webhook))
 }
 
 /// The reply to a request that waited for its job: the picture, or why there is none.
@@ -143,7 +154,16 @@ pub async fn show(State(app): State<App>, Path(id): Path<String>) -> Result<Json
 }
 
 /// `GET /v1/jobs/{id}/preview`: the newest picture so far; of a finished job, its result.
-pub async fn preview(State(app): State<App>, Path(id): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+pub async fn preview(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let [number] = query::fields(&uri, ["n"])?;
+    if number.is_some_and(|number| number.parse::<u64>().is_err()) {
+        return Err(query::fault("n", "must be a whole number: it merely makes the address new".to_owned()));
+    }
     let job = app.service.job(&id).await?;
     if job.state() == JobState::Succeeded {
         return finished(&app, &job, &headers).await;
@@ -185,10 +205,10 @@ pub async fn result(
     Ok(picture::reply(&job, &app.service.aov(&job, aov).await?, &headers))
 }
 
-/// `POST /v1/jobs/{id}/cancel`: 200 however often; 409 if the job had ended otherwise.
+/// `POST /v1/jobs/{id}/cancel`: 200 with the job, however often and however it has ended.
 pub async fn cancel(State(app): State<App>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
     let job = app.service.job(&id).await?;
-    app.service.cancel(&job).await?;
+    app.service.cancel(&job).await;
     Ok(Json(app.service.describe(&job)))
 }
 

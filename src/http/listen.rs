@@ -1,7 +1,8 @@
 //! Connections: how many at a time, how long a request's head may take, and how they end.
 
+use super::host::Hosts;
 use super::metrics::{Counted, Traffic};
-use super::{Peer, router};
+use super::{Access, Peer, router};
 use crate::jobs::Service;
 use axum::body::Body;
 use axum::http::Request;
@@ -31,6 +32,7 @@ const BREATH: Duration = Duration::from_millis(100);
 pub async fn serve(
     listener: TcpListener,
     service: Service,
+    access: &Access,
     shutdown: impl Future<Output = ()> + Send + 'static,
     patience: Duration,
 ) -> std::io::Result<()> {
@@ -45,7 +47,7 @@ pub async fn serve(
     };
     let connections = GracefulShutdown::new();
     tokio::select! {
-        () = accept_all(&listener, &service, &connections) => {}
+        () = accept_all(&listener, &service, access, &connections) => {}
         () = drained => {}
     }
     drop(listener);
@@ -56,11 +58,12 @@ pub async fn serve(
 }
 
 /// Accepts connections as long as there are places. Never ends.
-async fn accept_all(listener: &TcpListener, service: &Service, connections: &GracefulShutdown) {
+async fn accept_all(listener: &TcpListener, service: &Service, access: &Access, connections: &GracefulShutdown) {
     let limits = service.limits();
     let places = Arc::new(Semaphore::new(limits.connections.max(1)));
     let traffic = Traffic::new();
-    let router = router::router(service.clone(), &traffic);
+    let is_loopback = listener.local_addr().is_ok_and(|address| address.ip().is_loopback());
+    let router = router::router(service.clone(), &traffic, access, Hosts::new(&access.hosts, is_loopback));
     let mut http = http1::Builder::new();
     // A head that does not arrive ends its connection, and so does silence between two requests.
     http.timer(TokioTimer::new()).header_read_timeout(Duration::from_secs(limits.header_seconds.max(1)));

@@ -107,7 +107,11 @@ fn gauges(app: &App, registry: &mut Registry) {
         gauge.set(value);
         registry.register(name, help, gauge);
     };
-    single("queue_limit", "Jobs that may wait", limit);
+    let (alone, in_batches) = app.service.waiting();
+    single("queue_length", "Jobs that wait, without those of batches", alone as i64);
+    single("queue_limit", "Jobs that may wait, without those of batches", limit);
+    single("batch_queue_length", "Jobs of batches that wait", in_batches as i64);
+    single("batch_queue_limit", "Jobs of batches that may wait", app.service.limits().batch_queue_length as i64);
     single("render_memory_bytes", "Estimated memory of the renders under way", app.service.render_memory() as i64);
     single("upload_memory_bytes", "Memory of the bodies being read", app.room.used() as i64);
     if let Some(bytes) = resident_bytes() {

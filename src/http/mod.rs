@@ -1,10 +1,15 @@
 //! HTTP on top of [`jobs`](crate::jobs): the only room that knows axum.
 
 mod accept;
+mod access;
+mod archive;
+mod batches;
 mod events;
 mod health;
+mod host;
 mod images;
 mod jobs;
+pub mod keys;
 mod listen;
 mod metrics;
 mod origin;
@@ -17,6 +22,7 @@ pub mod router;
 mod scenes;
 mod upload;
 
+pub use access::Access;
 pub use listen::serve;
 
 use crate::jobs::Service;
@@ -40,8 +46,18 @@ pub struct App {
 #[derive(Debug, Clone, Copy)]
 struct Peer(IpAddr);
 
-/// Who asks, for sharing the device: the address at the other end of the connection.
-fn client(request: &Request) -> String {
-    let peer = request.extensions().get::<Peer>().copied().unwrap_or(Peer(Ipv4Addr::LOCALHOST.into()));
-    peer.0.to_canonical().to_string()
+/// Who asks.
+#[derive(Debug, Clone)]
+struct Caller {
+    /// For sharing the device: the name of the key, else the address at the other end of the connection.
+    client: String,
+    /// Quota of the key.
+    renders_per_day: Option<u64>,
+}
+
+fn caller(request: &Request) -> Caller {
+    request.extensions().get::<Caller>().cloned().unwrap_or_else(|| {
+        let peer = request.extensions().get::<Peer>().copied().unwrap_or(Peer(Ipv4Addr::LOCALHOST.into()));
+        Caller { client: peer.0.to_canonical().to_string(), renders_per_day: None }
+    })
 }

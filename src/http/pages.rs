@@ -42,6 +42,11 @@ pub async fn index(headers: HeaderMap) -> Response {
     embedded("/index.html", &headers)
 }
 
+/// `GET /docs`
+pub async fn reference(headers: HeaderMap) -> Response {
+    embedded("/reference/index.html", &headers)
+}
+
 /// Whatever the route table does not name.
 pub async fn file(method: Method, uri: Uri, headers: HeaderMap) -> Response {
     if PAGE.contains_key(uri.path()) && !matches!(method, Method::GET | Method::HEAD) {

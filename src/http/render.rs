@@ -3,7 +3,7 @@
 use super::jobs::{Waiting, finished, wants_anew};
 use super::scenes::{RAW, some_file};
 use super::upload::{self, Kinds};
-use super::{App, accept, client, query};
+use super::{App, accept, caller, query};
 use crate::jobs::{Code, Order, Problem, Stages, StoredImage, Submission, hdri_name};
 use crate::params::{self, FieldError, JsonError, RenderParams};
 use axum::extract::{Request, State};
@@ -24,7 +24,7 @@ const KINDS: Kinds = Kinds {
 pub async fn render(State(app): State<App>, request: Request) -> Result<Response, Problem> {
     let begun = Instant::now();
     let headers = request.headers().clone();
-    let (query, client) = (request.uri().clone(), client(&request));
+    let (query, caller) = (request.uri().clone(), caller(&request));
     let mut upload = some_file(upload::read(&app, &KINDS, request).await?, &KINDS)?;
     let params = read_params(upload.params.as_deref(), &query)?;
     // A format that cannot be made is refused before the work, not after it.
@@ -38,7 +38,9 @@ pub async fn render(State(app): State<App>, request: Request) -> Result<Response
 
     let order = Order { scene, hdri, params, priority: 0, stages };
     let anew = wants_anew(&headers);
-    let job = app.service.submit(Submission { attended: true, anew, ..Submission::new(order, client) }).await?;
+    let quota = caller.renders_per_day;
+    let submission = Submission { attended: true, anew, quota, ..Submission::new(order, caller.client) };
+    let job = app.service.submit(submission).await?;
     let waiting = Waiting { app, job };
     waiting.job.finished().await;
     finished(&waiting.app, &waiting.job, &headers).await

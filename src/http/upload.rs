@@ -162,17 +162,41 @@ pub async fn read(app: &App, kinds: &Kinds, request: Request) -> Result<Upload, 
     Ok(Upload { _meter: meter, ..upload })
 }
 
+/// What a route reads that takes text.
+pub struct Text {
+    /// Media types.
+    pub kinds: &'static [&'static str],
+    /// Longest body.
+    pub bytes: usize,
+    /// What to say to those who send something else.
+    pub hint: &'static str,
+}
+
+const JSON: Text =
+    Text { kinds: &["application/json"], bytes: TEXT_BYTES, hint: "send JSON with `Content-Type: application/json`" };
+
 /// Reads a body that must be JSON.
 pub async fn read_json(app: &App, request: Request) -> Result<serde_json::Value, Problem> {
-    check_length(request.headers(), TEXT_BYTES as u64)?;
+    parse_json(&read_text(app, &JSON, request).await?.1)
+}
+
+/// Reads a body that must be text of one of some media types, and says which.
+pub async fn read_text(app: &App, wanted: &Text, request: Request) -> Result<(String, String), Problem> {
+    check_length(request.headers(), wanted.bytes as u64)?;
     check_encoding(request.headers())?;
     let kind = content_type(request.headers());
-    if kind != "application/json" {
-        return Err(unsupported(&kind, "send JSON with `Content-Type: application/json`"));
+    if !wanted.kinds.contains(&kind.as_str()) {
+        return Err(unsupported(&kind, wanted.hint));
     }
     let (request, meter) = app.room.metered(request);
     let bytes = meter.explain(in_time(app.service.limits().body_seconds, read_all(request)).await)?;
-    let text = std::str::from_utf8(&bytes).map_err(|_| Problem::new(Code::MalformedJson, "the body is not UTF-8"))?;
+    let text =
+        String::from_utf8(bytes.into()).map_err(|_| Problem::new(Code::MalformedJson, "the body is not UTF-8"))?;
+    Ok((kind, text))
+}
+
+/// Reads JSON, strictly.
+pub fn parse_json(text: &str) -> Result<serde_json::Value, Problem> {
     params::json(text, "").map_err(|error| match error {
         JsonError::Syntax(error) => Problem::new(Code::MalformedJson, format!("the body is not valid JSON: {error}")),
         JsonError::Twice(fault) => Problem::fields(Code::InvalidParams, vec![fault]),
@@ -215,7 +239,7 @@ async fn read_form(most_parts: usize, kinds: &Kinds, request: Request) -> Result
 async fn read_field(kinds: &Kinds, upload: &mut Upload, mut field: Field<'_>) -> Result<(), Problem> {
     let name = field.name().unwrap_or_default().to_owned();
     if kinds.params && name == "params" {
-        let text = read_text(&mut field).await?;
+        let text = read_text_field(&mut field).await?;
         if upload.params.replace(text).is_some() {
             return Err(Problem::new(Code::MalformedMultipart, "the form has two fields `params`"));
         }
@@ -245,7 +269,7 @@ async fn read_field(kinds: &Kinds, upload: &mut Upload, mut field: Field<'_>) ->
     Ok(())
 }
 
-async fn read_text(field: &mut Field<'_>) -> Result<String, Problem> {
+async fn read_text_field(field: &mut Field<'_>) -> Result<String, Problem> {
     let mut bytes = Vec::new();
     while let Some(chunk) = field.chunk().await.map_err(malformed)? {
         bytes.extend_from_slice(&chunk);

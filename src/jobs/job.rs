@@ -1,6 +1,6 @@
 //! One job: its request, where it stands, what came of it.
 
-use super::events::{EventKind, EventLog};
+use super::events::{Event, EventKind, EventLog};
 use super::ledger::{Change, Ledger, Restored, Standing};
 use super::meters::Meters;
 use super::outcome::{Encoded, Outcome, Preview};
@@ -29,6 +29,17 @@ pub struct Order {
     pub stages: Stages,
 }
 
+/// Where a job stands in a batch.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// Number of the batch.
+    pub batch: i64,
+    /// Counts from 0.
+    pub item: u32,
+    /// Of its file.
+    pub name: String,
+}
+
 /// What a job is, for as long as it is known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spec {
@@ -54,13 +65,17 @@ pub struct Spec {
     pub attended: bool,
     /// What the picture depends on, hashed.
     pub content: String,
+    /// Of a job that was asked for together with others.
+    pub place: Option<Place>,
+    /// Address that is told of its end.
+    pub webhook: Option<String>,
 }
 
 impl Spec {
     /// Whether this is what the other asks for, so that one job will do.
     pub fn asks_the_same(&self, other: &Self) -> bool {
-        (&self.scene, &self.image, &self.params, self.priority)
-            == (&other.scene, &other.image, &other.params, other.priority)
+        (&self.scene, &self.image, &self.params, self.priority, &self.webhook)
+            == (&other.scene, &other.image, &other.params, other.priority, &other.webhook)
     }
 }
 
@@ -127,12 +142,18 @@ impl Live {
 impl Job {
     /// A job that is to be accepted: the ledger has to take the change.
     pub fn new(spec: Spec, ledger: Ledger, meters: Arc<Meters>) -> (Self, Change) {
+        let (job, queued) = Self::create(spec, ledger, meters);
+        let change = Change::Job(Arc::clone(&job.spec), queued);
+        (job, change)
+    }
+
+    /// The same with its first event, for a change that takes several jobs.
+    pub fn create(spec: Spec, ledger: Ledger, meters: Arc<Meters>) -> (Self, Event) {
         let events = EventLog::new([], 0);
         let queued = events.push(EventKind::Queued, json!({ "job": spec.id }));
         let spec = Arc::new(spec);
-        let change = Change::Job(Arc::clone(&spec), queued);
         let (accepted, live) = (Instant::now(), Mutex::new(Live::new(State::Queued)));
-        (Self { spec, accepted, events: Arc::new(events), ledger, meters, live }, change)
+        (Self { spec, accepted, events: Arc::new(events), ledger, meters, live }, queued)
     }
 
     /// A job of the ledger.
@@ -210,17 +231,25 @@ impl Job {
             return false;
         }
         live.state = next;
+        let (kind, data, standing) = change(&mut live);
         if next.is_over() {
             live.preview = None;
             self.meters.end(next);
-            let took = self.accepted.elapsed().as_millis() as u64;
-            let Spec { id, client, scene, .. } = self.spec.as_ref();
-            tracing::info!(job = %id, %client, %scene, state = next.name(), ms = took, "job over");
+            self.audit(&live);
         }
-        let (kind, data, standing) = change(&mut live);
         // Still under the lock, so that the ledger has the changes in their order.
         self.tell(kind, data, Some(standing));
         true
+    }
+
+    /// The line of a job that is over, for whoever has to know who asked for what.
+    fn audit(&self, live: &Live) {
+        let Spec { id, client, scene, params, .. } = self.spec.as_ref();
+        let (width, height) = (params.width, params.height);
+        let samples = live.outcome.as_ref().map_or(live.progress.samples, |outcome| outcome.record.samples);
+        let code = live.problem.as_ref().map_or("", |problem| problem.code.as_ref());
+        let (state, ms) = (live.state.name(), self.accepted.elapsed().as_millis() as u64);
+        tracing::info!(job = %id, %client, %scene, width, height, samples, state, code, ms, "job over");
     }
 
     /// Notes an event, which is published once the ledger has it.

@@ -31,6 +31,10 @@ pub struct Meters {
     pub saved: Counter,
     /// Devices lost.
     pub lost: Counter,
+    /// Messages of webhooks that were taken.
+    pub told: Counter,
+    /// Attempts of webhooks that failed.
+    pub untold: Counter,
     /// Samples of pixels.
     pub samples: Counter,
     ended: Family<StateLabel, Counter>,
@@ -45,6 +49,8 @@ impl Meters {
             cached: Counter::default(),
             saved: Counter::default(),
             lost: Counter::default(),
+            told: Counter::default(),
+            untold: Counter::default(),
             samples: Counter::default(),
             ended: Family::default(),
             // 1 ms to about 70 minutes.
@@ -73,6 +79,8 @@ impl Meters {
         registry.register("jobs_cached", "Jobs that got the result of another", self.cached.clone());
         registry.register("films_saved", "Unfinished films that were saved", self.saved.clone());
         registry.register("devices_lost", "Devices that were lost during a render", self.lost.clone());
+        registry.register("webhooks_taken", "Messages of webhooks that were taken", self.told.clone());
+        registry.register("webhooks_failed", "Attempts of webhooks that failed", self.untold.clone());
         registry.register("pixel_samples", "Samples of pixels in finished pictures", self.samples.clone());
         registry.register_with_unit("stage", "Time per stage of a render", Unit::Seconds, self.stages.clone());
     }

@@ -5,6 +5,7 @@
 //! hears of it; files lie in [`blobs`]. Without a data folder both are memory, and all else is the same.
 
 mod active;
+mod batch;
 mod blobs;
 mod compile;
 mod describe;
@@ -13,6 +14,7 @@ mod finish;
 mod job;
 mod ledger;
 mod library;
+mod manifest;
 mod memory;
 mod meters;
 mod outcome;
@@ -28,12 +30,16 @@ mod store;
 mod submit;
 mod table;
 mod tidy;
+mod usage;
+mod webhooks;
 mod worker;
 
 pub use crate::render::report::{Report, Stages};
+pub use batch::{Batch, BatchSpec, BatchSubmission, describe_item};
 pub use events::{Event, EventKind, EventLog};
 pub use job::{Job, Order};
 pub use ledger::SceneRow;
+pub use manifest::{Item, ManifestError, from_lines, from_matrix, read as read_manifest};
 pub use memory::film_bytes;
 pub use meters::Meters;
 pub use outcome::{Encoded, Outcome, Preview, Record};
@@ -44,6 +50,7 @@ pub use state::State;
 pub use storage::{StorageError, audit_folder};
 pub use store::{Store, Stored};
 pub use submit::Submission;
+pub use webhooks::Webhooks;
 pub use worker::EngineFactory;
 
 use crate::config::Limits;
@@ -53,17 +60,22 @@ use crate::render::RenderError;
 use memory::Budget;
 use outcome::Developed;
 use saved::SavedFilm;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, OnceLock, mpsc};
 use std::time::Duration;
 use storage::Storage;
 use table::Table;
 use tokio::sync::{Notify, Semaphore, oneshot, watch};
+use usage::Usage;
 use worker::{Message, Shared, Worker};
 
 /// Seconds after which a client that found the queue full should try again.
 const RETRY_SECONDS: u32 = 2;
+
+/// Jobs of batches that are compiled or traced at a time, per render that shares the device: one is traced, one gets ready.
+const FED: usize = 2;
 
 /// Memory that decoding takes per pixel of an environment picture: four f32 as read, three as kept, and the sampling table.
 const HDRI_PIXEL_BYTES: u64 = 16 + 12 + 24;
@@ -94,6 +106,9 @@ struct Core {
     meters: Arc<Meters>,
     budget: Budget,
     worker: mpsc::Sender<Message>,
+    usage: Usage,
+    /// Places for jobs of batches that are being compiled or traced.
+    feeding: Arc<Semaphore>,
     /// Places for imports and compilations, which use all cores.
     desks: Semaphore,
     /// MiB of memory for uploads that are being imported.
@@ -101,6 +116,7 @@ struct Core {
     tidy: Arc<Notify>,
     draining: AtomicBool,
     closed: watch::Sender<bool>,
+    webhooks: OnceLock<Webhooks>,
 }
 
 impl Service {
@@ -123,7 +139,8 @@ impl Service {
             }
             jobs.push(job);
         }
-        let table = Arc::new(Table::new(limits.queue_length, jobs, found.next));
+        let batches = gather(found.batches, &jobs);
+        let table = Arc::new(Table::new(limits.queue_length, jobs, batches, found.next));
         let tidy = Arc::new(Notify::new());
         let budget = Budget::new(limits.render_memory_bytes);
         let shared = Arc::new(Shared {
@@ -149,11 +166,14 @@ impl Service {
                 meters,
                 budget,
                 worker,
+                usage: Usage::new(found.usage, ledger::now()),
+                feeding: Arc::new(Semaphore::new(FED * limits.active_renders.max(1))),
                 desks: Semaphore::new(desks),
                 import_memory: Arc::new(Semaphore::new(mebibytes(limits.import_memory_bytes) as usize)),
                 tidy,
                 draining: AtomicBool::new(false),
                 closed: watch::Sender::new(false),
+                webhooks: OnceLock::new(),
                 limits,
             }),
         };
@@ -166,6 +186,13 @@ impl Service {
     /// Bounds.
     pub fn limits(&self) -> &Limits {
         &self.core.limits
+    }
+
+    /// Tells of the ends of jobs from now on, and of those that an earlier process has left.
+    pub fn tell_webhooks(&self, webhooks: Webhooks) {
+        if self.core.webhooks.set(webhooks.clone()).is_ok() {
+            tokio::spawn(webhooks::deliver(Arc::downgrade(&self.core), webhooks));
+        }
     }
 
     /// Runs work that needs a core for long, when there is a place for it. Its panic becomes a problem.
@@ -232,17 +259,10 @@ impl Service {
         job.describe(self.core.table.position(job))
     }
 
-    /// Cancels a job: at once as far as clients see; the device drops it after its slice. Doing so again is fine.
-    pub async fn cancel(&self, job: &Job) -> Result<(), Problem> {
+    /// Cancels a job: at once as far as clients see; the device drops it after its slice. One that is over stays as it is.
+    pub async fn cancel(&self, job: &Job) {
         self.cancel_soon(job);
         job.settled().await;
-        match job.state() {
-            State::Cancelled => Ok(()),
-            state => {
-                let detail = format!("the job has {} and cannot be cancelled any more", state.name());
-                Err(Problem::new(Code::JobOver, detail))
-            }
-        }
     }
 
     /// Cancels a job for which nobody waits any more.
@@ -329,10 +349,31 @@ impl Service {
         self.core.budget.used()
     }
 
+    /// Jobs that wait: those that were asked for one by one, and those of batches.
+    pub fn waiting(&self) -> (usize, usize) {
+        self.core.table.waiting()
+    }
+
     /// Number of jobs by state, in the order of [`State::ALL`].
     pub fn counts(&self) -> [usize; State::ALL.len()] {
         self.core.table.counts()
     }
+}
+
+/// Batches with their jobs, each in the order of its manifest.
+fn gather(batches: Vec<BatchSpec>, jobs: &[Arc<Job>]) -> Vec<Batch> {
+    let mut by_batch = BTreeMap::<i64, Vec<Arc<Job>>>::new();
+    for job in jobs {
+        if let Some(place) = &job.spec.place {
+            by_batch.entry(place.batch).or_default().push(Arc::clone(job));
+        }
+    }
+    let batch = |spec: BatchSpec| {
+        let mut jobs = by_batch.remove(&spec.number).unwrap_or_default();
+        jobs.sort_by_key(|job| job.spec.place.as_ref().map(|place| place.item));
+        Batch { spec: Arc::new(spec), jobs }
+    };
+    batches.into_iter().map(batch).collect()
 }
 
 async fn start_worker(shared: Arc<Shared>, factory: EngineFactory) -> Result<mpsc::Sender<Message>, RenderError> {

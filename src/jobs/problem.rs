@@ -38,6 +38,16 @@ macro_rules! codes {
 }
 
 codes! {
+    /// There is no key, or an unknown one.
+    Unauthorized = "unauthorized", 401, "A key is needed";
+    /// The key does not allow this.
+    Forbidden = "forbidden", 403, "The key does not allow this";
+    /// The request was meant for another host.
+    HostNotAllowed = "host_not_allowed", 421, "This server does not answer for that host";
+    /// The key has sent too many requests of late.
+    RateLimited = "rate_limited", 429, "Too many requests";
+    /// The key has had all its renders of today.
+    QuotaExceeded = "quota_exceeded", 429, "The quota of this key is used up";
     /// A page of another site sent the request.
     CrossSite = "cross_site", 403, "Requests from other sites are refused";
     /// The request line, a header or the query cannot be read.
@@ -56,6 +66,8 @@ codes! {
     ImageNotFound = "image_not_found", 404, "There is no such image";
     /// No such job.
     JobNotFound = "job_not_found", 404, "There is no such job";
+    /// No such batch.
+    BatchNotFound = "batch_not_found", 404, "There is no such batch";
     /// The job has no preview.
     NoPreview = "no_preview", 404, "The job has no preview yet";
     /// The route exists, the method does not.
@@ -70,8 +82,6 @@ codes! {
     JobFailed = "job_failed", 409, "The job failed";
     /// The job was cancelled, so it has no result.
     JobCancelled = "job_cancelled", 409, "The job was cancelled";
-    /// The job is over, so it cannot be cancelled.
-    JobOver = "job_over", 409, "The job is already over";
     /// A job of the same id is there, and is another one.
     JobConflict = "job_conflict", 409, "There is another job of this id";
     /// The body is larger than the server reads.

@@ -3,20 +3,32 @@
 use super::job::{Job, Order};
 use super::problem::{Code, Problem};
 use super::{Service, Stages};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 impl Service {
     /// Goes on with the jobs of the process before.
     pub(super) fn resume(&self, unfinished: Vec<(Arc<Job>, Option<String>)>) {
         let count = unfinished.len();
+        let mut batches = BTreeMap::<i64, Vec<_>>::new();
         for (job, film) in unfinished {
             if job.spec.attended {
                 // The client that waited for it is gone.
                 job.cancel();
-            } else {
-                job.requeue();
-                tokio::spawn(self.clone().reopen(job, film));
+                continue;
             }
+            job.requeue();
+            if let Some(place) = &job.spec.place {
+                batches.entry(place.batch).or_default().push((Arc::clone(&job), film));
+            } else {
+                let service = self.clone();
+                tokio::spawn(async move { service.reopen(job, film).await });
+            }
+        }
+        for mut work in batches.into_values() {
+            // What had been begun goes on first.
+            work.sort_by_key(|(_, film)| film.is_none());
+            tokio::spawn(self.clone().feed(work, false));
         }
         if count > 0 {
             tracing::info!(jobs = count, "unfinished jobs go on");
@@ -24,14 +36,14 @@ impl Service {
     }
 
     /// Reads back what a job of the process before needs.
-    async fn reopen(self, job: Arc<Job>, film: Option<String>) {
+    pub(super) async fn reopen(&self, job: Arc<Job>, film: Option<String>) {
         match self.order_again(&job).await {
             Ok(order) => {
                 let saved = match film {
                     Some(film) => self.core.storage.film(&film).await,
                     None => None,
                 };
-                self.compile(job, order, saved).await;
+                self.clone().compile(job, order, saved).await;
             }
             Err(problem) => self.fail(&job, problem),
         }

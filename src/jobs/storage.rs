@@ -1,10 +1,12 @@
 //! The ledger and the blobs it names, kept in step: a blob is written before the ledger names it, and deleted only after
 //! the ledger has dropped it.
 
+use super::batch::BatchSpec;
 use super::blobs::{BlobError, BlobRef, Blobs};
 use super::job::Job;
 use super::ledger::{Change, Kept, Leaving, Ledger, LedgerError, Restored, ScenePage, SceneRow};
-use super::ledger::{audit, jobs, known_blobs, next_number, offers_image, offers_scene, scene, scenes, unused_blobs};
+use super::ledger::{audit, batches, jobs, known_blobs, next_batch, next_number, now, offers_image, offers_scene};
+use super::ledger::{scene, scenes, unused_blobs, usage};
 use super::outcome::{Developed, Outcome, Record};
 use super::problem::{Code, Problem};
 use super::saved::SavedFilm;
@@ -49,8 +51,12 @@ pub struct Storage {
 pub struct Found {
     /// Its jobs, oldest first.
     pub jobs: Vec<Restored>,
-    /// Number of the next one.
-    pub next: i64,
+    /// Its batches, oldest first.
+    pub batches: Vec<BatchSpec>,
+    /// Numbers of the next job and of the next batch.
+    pub next: (i64, i64),
+    /// Renders that clients were granted today.
+    pub usage: Vec<(String, u64)>,
 }
 
 /// A scene as it was uploaded.
@@ -73,10 +79,12 @@ impl Storage {
             }
         };
         let jobs = ledger.ask(jobs).await?;
-        let next = ledger.ask(next_number).await?;
+        let batches = ledger.ask(batches).await?;
+        let next = (ledger.ask(next_number).await?, ledger.ask(next_batch).await?);
+        let usage = ledger.ask(|c| usage(c, now())).await?;
         let storage = Self { ledger, blobs, is_durable: folder.is_some(), gate: RwLock::default() };
         storage.drop_strays().await?;
-        Ok((storage, Found { jobs, next }))
+        Ok((storage, Found { jobs, batches, next, usage }))
     }
 
     /// Whether what is stored outlives the process.

@@ -8,7 +8,7 @@ use super::saved::ENGINE_VERSION;
 use super::scenes::content_id;
 use super::table::Admission;
 use super::{RETRY_SECONDS, Service};
-use crate::params::FieldError;
+use crate::params::{FieldError, RenderParams};
 use std::sync::Arc;
 
 /// An order, and how it was given.
@@ -24,38 +24,44 @@ pub struct Submission {
     pub client: String,
     /// Whether the job is to end with the request that waits for it.
     pub attended: bool,
+    /// Renders that this client may have on one day.
+    pub quota: Option<u64>,
     /// Whether to render even if the same picture was made before.
     pub anew: bool,
+    /// Address that is told of the job's end.
+    pub webhook: Option<String>,
 }
 
 impl Submission {
     /// A plain one.
     pub fn new(order: Order, client: String) -> Self {
-        Self { order, id: None, key: None, client, attended: false, anew: false }
+        Self { order, id: None, key: None, client, attended: false, quota: None, anew: false, webhook: None }
     }
 }
 
 impl Service {
     /// Accepts a job once the ledger has it, or refuses it at once. A job that is there already is handed out again.
     pub async fn submit(&self, submission: Submission) -> Result<Arc<Job>, Problem> {
-        if self.is_draining() {
-            let detail = "the server is shutting down and takes no new jobs";
-            return Err(Problem::new(Code::ShuttingDown, detail).retry_after(RETRY_SECONDS));
-        }
-        let Submission { order, id, key, client, attended, anew } = submission;
-        self.check(&order)?;
+        self.refuse_when_draining()?;
+        let Submission { order, id, key, client, attended, quota, anew, webhook } = submission;
+        self.check(&order.params, order.priority)?;
+        self.check_webhook(webhook.as_deref())?;
+        let taken = self.core.usage.take(&client, 1, quota)?;
+        let image = order.hdri.as_ref().map(|image| image.id.clone());
         let spec = Spec {
             number: 0,
             id: id.unwrap_or_default(),
             key,
             created: now(),
             scene: order.scene.id.clone(),
-            image: order.hdri.as_ref().map(|image| image.id.clone()),
+            content: content(&order.scene.id, image.as_deref(), &order.params),
+            image,
             params: order.params.clone(),
             priority: order.priority,
-            client,
+            client: client.clone(),
             attended,
-            content: content(&order),
+            place: None,
+            webhook,
         };
         let ledger = &self.core.storage.ledger;
         let shares = self.core.limits.result_cache && !anew;
@@ -66,6 +72,7 @@ impl Service {
         match admission {
             Admission::New(job, sent) => {
                 self.accept(&job, sent, order, shares).await?;
+                taken.keep();
                 Ok(job)
             }
             Admission::SameId(job) if job.spec.asks_the_same(&spec) => Ok(job),
@@ -112,25 +119,48 @@ impl Service {
                 return Err(problem);
             }
         }
-        if shares
-            && let Some(other) = self.core.table.result_of(&job.spec.content)
-            && self.core.storage.succeed_with(job, &other).await
-        {
-            self.core.meters.cached.inc();
-            self.core.tidy.notify_one();
-            return Ok(());
+        if !(shares && self.serve_from_cache(job).await) {
+            tokio::spawn(self.clone().compile(Arc::clone(job), order, None));
         }
-        tokio::spawn(self.clone().compile(Arc::clone(job), order, None));
         Ok(())
     }
 
-    /// Whether the order is valid and within the limits.
-    fn check(&self, order: &Order) -> Result<(), Problem> {
-        let params = &order.params;
+    /// Ends a job with the result of another that asked for the same; false if there is none.
+    pub(super) async fn serve_from_cache(&self, job: &Job) -> bool {
+        let Some(other) = self.core.table.result_of(&job.spec.content) else { return false };
+        let served = self.core.storage.succeed_with(job, &other).await;
+        if served {
+            self.core.meters.cached.inc();
+            self.core.tidy.notify_one();
+        }
+        served
+    }
+
+    fn check_webhook(&self, url: Option<&str>) -> Result<(), Problem> {
+        match (url, self.core.webhooks.get()) {
+            (None, _) => Ok(()),
+            (Some(url), Some(webhooks)) => webhooks.check(url),
+            (Some(_), None) => {
+                let detail = "this server sends no webhooks (--webhook-secret): follow the job's events instead";
+                Err(Problem::fields(Code::InvalidParams, vec![FieldError::new("/webhook", detail)]))
+            }
+        }
+    }
+
+    pub(super) fn refuse_when_draining(&self) -> Result<(), Problem> {
+        if !self.is_draining() {
+            return Ok(());
+        }
+        let detail = "the server is shutting down and takes no new jobs";
+        Err(Problem::new(Code::ShuttingDown, detail).retry_after(RETRY_SECONDS))
+    }
+
+    /// Whether an order is valid and within the limits.
+    pub(super) fn check(&self, params: &RenderParams, priority: i32) -> Result<(), Problem> {
         let invalid = |faults| Problem::fields(Code::InvalidParams, faults);
         params.validate(&self.core.limits.params()).map_err(invalid)?;
-        if !(-100..=100).contains(&order.priority) {
-            let detail = format!("must lie between -100 and 100, and is {}", order.priority);
+        if !(-100..=100).contains(&priority) {
+            let detail = format!("must lie between -100 and 100, and is {priority}");
             return Err(invalid(vec![FieldError { pointer: "/priority".to_owned(), detail }]));
         }
         let (bytes, limit) = (film_bytes(params.width, params.height), self.core.limits.job_memory_bytes);
@@ -144,8 +174,7 @@ impl Service {
 }
 
 /// Id of all that a picture depends on: scene, image, parameters and the version of the renderer.
-fn content(order: &Order) -> String {
-    let image = order.hdri.as_ref().map(|image| &image.id);
-    let all = serde_json::json!([order.scene.id, image, order.params, ENGINE_VERSION]);
+pub(super) fn content(scene: &str, image: Option<&str>, params: &RenderParams) -> String {
+    let all = serde_json::json!([scene, image, params, ENGINE_VERSION]);
     content_id(all.to_string().as_bytes())
 }

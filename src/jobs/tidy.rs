@@ -17,6 +17,7 @@ pub(super) async fn keep_tidy(core: Weak<Core>) {
         let Some(core) = core.upgrade() else { return };
         if let Ok(left) = core.storage.tidy(kept(&core.limits, core.storage.is_durable())).await {
             core.table.forget(&left.jobs);
+            core.table.forget_batches(&left.batches);
             for id in &left.scenes {
                 core.scenes.remove(id);
             }

@@ -357,6 +357,18 @@ pub enum ImageFormat {
 }
 
 impl ImageFormat {
+    /// What the name of a file of this format ends in.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Exr => "exr",
+            Self::Webp => "webp",
+            Self::Jpeg => "jpg",
+        }
+    }
+}
+
+impl ImageFormat {
     /// Longest side in pixels that the format can hold.
     pub fn max_side(self) -> u32 {
         match self {

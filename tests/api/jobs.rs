@@ -67,7 +67,8 @@ fn cancelling_is_felt_at_once_and_idempotent() {
     assert!(begun.elapsed() < Duration::from_secs(1), "{:?}", begun.elapsed());
 
     server.get(&format!("/v1/jobs/{id}/result")).problem(409, "job_cancelled");
-    server.send("POST", &format!("/v1/jobs/{next}/cancel"), &[], &[]).problem(409, "job_over");
+    let late = server.send("POST", &format!("/v1/jobs/{next}/cancel"), &[], &[]);
+    assert_eq!((late.status, late.json()["state"].clone()), (200, json!("succeeded")), "over is over");
 }
 
 #[test]
@@ -77,7 +78,7 @@ fn a_client_that_goes_away_ends_its_render() {
     let mut stream = std::net::TcpStream::connect(server.address).unwrap();
     let body = triangle();
     let head = format!(
-        "POST {path} HTTP/1.1\r\nhost: a\r\ncontent-type: model/gltf-binary\r\ncontent-length: {}\r\n\r\n",
+        "POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: model/gltf-binary\r\ncontent-length: {}\r\n\r\n",
         body.len()
     );
     std::io::Write::write_all(&mut stream, &[head.as_bytes(), &body].concat()).unwrap();

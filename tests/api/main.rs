@@ -3,6 +3,9 @@
 //! Pictures are traced by the real engine; with `CANDELA_TEST_ENGINE=test` by a small one of the tests, which needs no
 //! adapter. What goes wrong on a device is always played by the latter.
 
+mod access;
+mod batches;
+mod command_line;
 mod connections;
 mod contract;
 mod durable;
@@ -20,3 +23,4 @@ mod scenes;
 mod shutdown;
 mod strict;
 mod support;
+mod webhooks;

@@ -134,7 +134,7 @@ fn raw(server: &Server, bytes: &[u8]) -> (String, Duration) {
 }
 
 fn head(path: &str, kind: &str, more: &str) -> Vec<u8> {
-    format!("POST {path} HTTP/1.1\r\nhost: a\r\ncontent-type: {kind}\r\n{more}\r\n\r\n").into_bytes()
+    format!("POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {kind}\r\n{more}\r\n\r\n").into_bytes()
 }
 
 #[test]

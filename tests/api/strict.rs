@@ -128,7 +128,7 @@ fn packed_bodies_are_refused() {
 /// Status line and body of a reply to a request target that no client library would send.
 fn raw_target(server: &Server, target: &str) -> String {
     let mut stream = TcpStream::connect(server.address).expect("a connection");
-    let request = format!("GET {target} HTTP/1.1\r\nhost: a\r\nconnection: close\r\n\r\n");
+    let request = format!("GET {target} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n");
     stream.write_all(request.as_bytes()).expect("sent");
     let mut reply = String::new();
     stream.read_to_string(&mut reply).expect("a reply");

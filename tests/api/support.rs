@@ -2,11 +2,11 @@
 
 use crate::engine;
 use candela::config::Limits;
-use candela::http;
-use candela::jobs::{EngineFactory, Service};
+use candela::http::{self, Access};
+use candela::jobs::{EngineFactory, Service, Webhooks};
 use serde_json::{Value, json};
 use std::net::SocketAddr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -19,6 +19,16 @@ pub struct Server {
     pub address: SocketAddr,
     stop: Mutex<Option<oneshot::Sender<()>>>,
     thread: Option<JoinHandle<()>>,
+}
+
+/// What a server may have.
+#[derive(Default)]
+pub struct Setup {
+    pub folder: Option<PathBuf>,
+    pub limits: Limits,
+    pub patience: Duration,
+    pub access: Access,
+    pub webhooks: Option<Webhooks>,
 }
 
 impl Server {
@@ -34,7 +44,12 @@ impl Server {
 
     /// With a data folder.
     pub fn in_folder(folder: Option<&Path>, limits: Limits, factory: EngineFactory, patience: Duration) -> Self {
-        let folder = folder.map(Path::to_owned);
+        Self::set_up(Setup { folder: folder.map(Path::to_owned), limits, patience, ..Setup::default() }, factory)
+    }
+
+    /// With whatever a server may have.
+    pub fn set_up(setup: Setup, factory: EngineFactory) -> Self {
+        let Setup { folder, limits, patience, access, webhooks } = setup;
         let (stop, stopped) = oneshot::channel();
         let (tell, told) = std::sync::mpsc::channel();
         let thread = std::thread::spawn(move || {
@@ -42,11 +57,14 @@ impl Server {
             runtime.block_on(async move {
                 let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a free port");
                 let service = Service::start_in(folder.as_deref(), limits, factory).await.expect("an engine");
+                if let Some(webhooks) = webhooks {
+                    service.tell_webhooks(webhooks);
+                }
                 tell.send(listener.local_addr().expect("an address")).expect("the test waits");
                 let shutdown = async {
                     let _ = stopped.await;
                 };
-                http::serve(listener, service, shutdown, patience).await.expect("serving");
+                http::serve(listener, service, &access, shutdown, patience).await.expect("serving");
             });
         });
         let address = told.recv().expect("the server starts");

@@ -129,8 +129,12 @@ impl Run {
             let kind = self.dice.below(kinds.len() as u64) as usize;
             let body = json!({ "scene": scene, "params": kinds[kind], "priority": self.dice.below(50) as i64 - 25 });
             let anew = self.dice.below(4) > 0;
-            let reply = match self.dice.below(2) {
-                0 => server.send("PUT", &format!("/v1/jobs/kill-{kill}-{n}"), &body, anew, None),
+            let reply = match self.dice.below(5) {
+                0 => {
+                    accepted.extend(self.batch(server, &scene, kind, anew));
+                    None
+                }
+                1 | 2 => server.send("PUT", &format!("/v1/jobs/kill-{kill}-{n}"), &body, anew, None),
                 _ => server.send("POST", "/v1/jobs", &body, anew, Some(&format!("key-{kill}-{n}"))),
             };
             if let Some((202, job)) = &reply {
@@ -149,6 +153,17 @@ impl Run {
             std::thread::sleep(pause);
         }
         accepted
+    }
+
+    /// Sends three of a kind as a batch.
+    fn batch(&mut self, server: &Server, scene: &str, kind: usize, anew: bool) -> Vec<Accepted> {
+        let body = json!({ "scenes": [scene], "params": kinds()[kind], "variants": [null, null, null] });
+        let Some((202, batch)) = server.send("POST", "/v1/batches", &body, anew, None) else { return Vec::new() };
+        let items = batch["items"].as_array().expect("items");
+        let ids: Vec<String> = items.iter().map(|item| item["job"].as_str().expect("an id").to_owned()).collect();
+        assert_eq!(ids.len(), 3);
+        ids.iter().for_each(|id| self.listen(id));
+        ids.into_iter().map(|id| Accepted { id, kind, cancelled: false }).collect()
     }
 
     /// Follows a job over all restarts, resuming where it was.

@@ -4,6 +4,7 @@ mod assets;
 mod invalid;
 mod kills;
 mod mutations;
+mod overload;
 mod server;
 
 use candela::scene::{Limits, Package, Scene, SceneError, import};

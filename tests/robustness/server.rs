@@ -16,9 +16,15 @@ pub struct Server {
 impl Server {
     /// With a data folder or without; ready when this returns.
     pub fn start(folder: Option<&Path>) -> Self {
+        let usual =
+            ["--save-film-ms", "40", "--queue-length", "100000", "--kept-jobs", "100000", "--drain-seconds", "0"];
+        Self::start_with(folder, &usual)
+    }
+
+    /// With arguments of `candela serve` besides.
+    pub fn start_with(folder: Option<&Path>, arguments: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_candela"));
-        command.args(["serve", "--listen", "127.0.0.1:0", "--save-film-ms", "40", "--queue-length", "100000"]);
-        command.args(["--kept-jobs", "100000", "--drain-seconds", "0"]).env("NODEVICE_SELECT", "1");
+        command.args(["serve", "--listen", "127.0.0.1:0"]).args(arguments).env("NODEVICE_SELECT", "1");
         if let Some(folder) = folder {
             command.arg("--data").arg(folder);
         }
@@ -52,6 +58,13 @@ impl Server {
         let id = self.process.id().to_string();
         assert!(Command::new("kill").arg(id).status().expect("kill runs").success());
         assert!(self.process.wait().expect("it ends").success());
+    }
+
+    /// Memory of the process, bytes; none where the system does not say (Linux does).
+    pub fn memory(&self) -> Option<u64> {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.process.id())).ok()?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+        line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib << 10)
     }
 
     /// Uploads a scene; its id, unless the server is gone.

@@ -35,7 +35,7 @@ impl Server {
                 let shutdown = async {
                     let _ = stopped.await;
                 };
-                Ok(http::serve(listener, service, shutdown, Duration::ZERO).await?)
+                Ok(http::serve(listener, service, &http::Access::default(), shutdown, Duration::ZERO).await?)
             })
         });
         let address = told.recv().context("the server did not start")?;

@@ -20,7 +20,21 @@ pub fn audit(c: &Connection) -> Result<Vec<String>> {
             faults.push(format!("{}: unfinished, and its scene is gone", job.spec.id));
         }
     }
+    faults.extend(broken_batches(c)?);
     Ok(faults)
+}
+
+/// Batches that have lost some of their jobs, or all.
+fn broken_batches(c: &Connection) -> Result<Vec<String>> {
+    let sql = "SELECT b.id, COUNT(j.number), COALESCE(MAX(j.item) + 1, 0) FROM batches b
+               LEFT JOIN jobs j ON j.batch = b.number GROUP BY b.number
+               HAVING COUNT(j.number) = 0 OR COUNT(j.number) != MAX(j.item) + 1";
+    let mut query = c.prepare(sql)?;
+    let rows = query.query_map([], |row| {
+        let (id, found, items): (String, i64, i64) = (row.get(0)?, row.get(1)?, row.get(2)?);
+        Ok(format!("{id}: {found} jobs, of {items} or more"))
+    })?;
+    rows.collect()
 }
 
 /// The events of a job must lead from its beginning to where it stands, each step one that may be taken.

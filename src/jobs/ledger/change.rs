@@ -1,6 +1,7 @@
 //! Everything that is ever written to the ledger.
 
-use super::now;
+use super::{DAY, deliveries, now};
+use crate::jobs::batch::BatchSpec;
 use crate::jobs::blobs::BlobRef;
 use crate::jobs::events::Event;
 use crate::jobs::job::Spec;
@@ -34,6 +35,8 @@ pub enum Change {
     DeleteImage(String),
     /// A job was accepted, with its first event. Scene and image must be there.
     Job(Arc<Spec>, Event),
+    /// A batch was accepted, with all its jobs or not at all.
+    Batch(Arc<BatchSpec>, Vec<(Arc<Spec>, Event)>),
     /// Something happened to a job; none: it stands as before.
     Event {
         /// Number of the job.
@@ -50,6 +53,17 @@ pub enum Change {
         /// The film.
         blob: BlobRef,
     },
+    /// The end of a job was told.
+    Delivered(String),
+    /// A message was not taken, and is to be sent again.
+    Postponed {
+        /// Id of the message.
+        id: String,
+        /// When: milliseconds since 1970.
+        due: i64,
+    },
+    /// A message is not sent any more.
+    GivenUp(String),
     /// Jobs, scenes and images leave.
     Forget(super::Leaving),
     /// Blobs that nothing names were deleted.
@@ -71,6 +85,18 @@ pub enum Standing {
     Cancelled,
 }
 
+impl Standing {
+    /// Name of the state, if nothing can follow.
+    fn end(&self) -> Option<&'static str> {
+        match self {
+            Self::Queued | Self::Running => None,
+            Self::Succeeded(_) => Some("succeeded"),
+            Self::Failed(_) => Some("failed"),
+            Self::Cancelled => Some("cancelled"),
+        }
+    }
+}
+
 impl Change {
     /// Writes the change, within a transaction.
     pub(super) fn apply(&self, c: &Connection) -> Result<()> {
@@ -90,9 +116,13 @@ impl Change {
                 one(c.execute("UPDATE images SET deleted = 1 WHERE id = ?1 AND NOT deleted", [id])?)
             }
             Self::Job(spec, first) => job(c, spec, first),
+            Self::Batch(spec, jobs) => batch(c, spec, jobs),
             Self::Event { job, event, standing } => {
                 if let Some(standing) = standing {
                     stand(c, *job, standing)?;
+                    if let Some(state) = standing.end() {
+                        deliveries::note(c, *job, state, now(), event)?;
+                    }
                 }
                 happen(c, *job, event)
             }
@@ -102,6 +132,8 @@ impl Change {
                 let sql = "UPDATE jobs SET film = ?2 WHERE number = ?1 AND ended IS NULL";
                 c.prepare_cached(sql)?.execute(params![job, blob.id]).map(drop)
             }
+            Self::Delivered(id) | Self::GivenUp(id) => deliveries::forget(c, id),
+            Self::Postponed { id, due } => deliveries::postpone(c, id, *due),
             Self::Forget(leaving) => leaving.apply(c),
             Self::DropBlobs(ids) => {
                 let mut drop_one = c.prepare_cached("DELETE FROM blobs WHERE id = ?1")?;
@@ -148,9 +180,10 @@ fn job(c: &Connection, spec: &Spec, first: &Event) -> Result<()> {
         one(c.execute("UPDATE images SET used = ?2 WHERE id = ?1", params![image, now()])?)?;
     }
     let insert = "INSERT INTO jobs (number, id, idempotency_key, created, state, scene, image, params, priority,
-                                    client, attended, content, last_event)
+                                    client, attended, content, last_event, batch, item, name, webhook)
                   VALUES (:number, :id, :key, :created, 'queued', :scene, :image, :params, :priority,
-                          :client, :attended, :content, 0)";
+                          :client, :attended, :content, 0, :batch, :item, :name, :webhook)";
+    let place = spec.place.as_ref();
     c.prepare_cached(insert)?.execute(named_params! {
         ":number": spec.number,
         ":id": spec.id,
@@ -163,8 +196,23 @@ fn job(c: &Connection, spec: &Spec, first: &Event) -> Result<()> {
         ":client": spec.client,
         ":attended": spec.attended,
         ":content": spec.content,
+        ":batch": place.map(|place| place.batch),
+        ":item": place.map(|place| place.item),
+        ":name": place.map(|place| &place.name),
+        ":webhook": spec.webhook,
     })?;
+    let count = "INSERT INTO usage (client, day, renders) VALUES (?1, ?2, 1)
+                 ON CONFLICT DO UPDATE SET renders = renders + 1";
+    c.prepare_cached(count)?.execute(params![spec.client, spec.created / DAY])?;
     happen(c, spec.number, first)
+}
+
+fn batch(c: &Connection, spec: &BatchSpec, jobs: &[(Arc<Spec>, Event)]) -> Result<()> {
+    let insert = "INSERT INTO batches (number, id, idempotency_key, created, client, content)
+                  VALUES (?1, ?2, ?3, ?4, ?5, ?6)";
+    let BatchSpec { number, id, key, created, client, content } = spec;
+    c.prepare_cached(insert)?.execute(params![number, id, key, created, client, content])?;
+    jobs.iter().try_for_each(|(spec, first)| job(c, spec, first))
 }
 
 /// The newest preview or progress takes the place of the one before; all else stays.

@@ -3,13 +3,18 @@
 
 mod audit;
 mod change;
+mod deliveries;
 mod read;
 mod retention;
 mod schema;
 
 pub use audit::audit;
 pub use change::{Change, Standing};
-pub use read::{Restored, ScenePage, SceneRow, jobs, next_number, offers_image, offers_scene, scene, scenes};
+pub use deliveries::{Delivery, deliveries};
+pub use read::{
+    Restored, ScenePage, SceneRow, batches, jobs, next_batch, next_number, offers_image, offers_scene, scene, scenes,
+    usage,
+};
 pub use retention::{Kept, Leaving, known_blobs, unused_blobs};
 
 use rusqlite::{Connection, ErrorCode};
@@ -187,6 +192,9 @@ fn does_not_fit(error: &rusqlite::Error) -> bool {
         _ => false,
     }
 }
+
+/// Milliseconds of a day.
+pub const DAY: i64 = 24 * 3_600_000;
 
 /// Milliseconds since 1970.
 pub fn now() -> i64 {

@@ -1,8 +1,10 @@
 //! What is read back: the jobs at the start, scenes and images when they are wanted.
 
+use super::DAY;
+use crate::jobs::batch::BatchSpec;
 use crate::jobs::blobs::BlobRef;
 use crate::jobs::events::{Event, EventKind};
-use crate::jobs::job::Spec;
+use crate::jobs::job::{Place, Spec};
 use crate::jobs::outcome::Outcome;
 use crate::jobs::problem::Problem;
 use crate::jobs::state::State;
@@ -35,11 +37,41 @@ pub fn next_number(c: &Connection) -> Result<i64> {
     Ok(c.query_row(sql, [], |row| row.get(0)).optional()?.unwrap_or(1))
 }
 
+/// The number that the next batch gets.
+pub fn next_batch(c: &Connection) -> Result<i64> {
+    let sql = "SELECT seq + 1 FROM sqlite_sequence WHERE name = 'batches'";
+    Ok(c.query_row(sql, [], |row| row.get(0)).optional()?.unwrap_or(1))
+}
+
+/// All batches, oldest first.
+pub fn batches(c: &Connection) -> Result<Vec<BatchSpec>> {
+    let mut query =
+        c.prepare("SELECT number, id, idempotency_key, created, client, content FROM batches ORDER BY number")?;
+    let rows = query.query_map([], |row| {
+        Ok(BatchSpec {
+            number: row.get(0)?,
+            id: row.get(1)?,
+            key: row.get(2)?,
+            created: row.get(3)?,
+            client: row.get(4)?,
+            content: row.get(5)?,
+        })
+    })?;
+    rows.collect()
+}
+
+/// Renders that clients were granted on the day of a time.
+pub fn usage(c: &Connection, now: i64) -> Result<Vec<(String, u64)>> {
+    let mut query = c.prepare("SELECT client, renders FROM usage WHERE day = ?1")?;
+    let rows = query.query_map([now / DAY], |row| Ok((row.get(0)?, row.get::<_, i64>(1)? as u64)))?;
+    rows.collect()
+}
+
 /// All jobs, oldest first.
 pub fn jobs(c: &Connection) -> Result<Vec<Restored>> {
     let sql =
         "SELECT number, jobs.id, idempotency_key, created, scene, image, params, priority, client, attended, content,
-                      state, problem, record, file, f.bytes, picture, p.bytes, film, last_event
+                      state, problem, record, file, f.bytes, picture, p.bytes, film, last_event, batch, item, name, webhook
                FROM jobs LEFT JOIN blobs f ON f.id = file LEFT JOIN blobs p ON p.id = picture ORDER BY number";
     let mut query = c.prepare(sql)?;
     let mut jobs = query.query_map([], job)?.collect::<Result<Vec<_>>>()?;
@@ -62,6 +94,8 @@ fn job(row: &Row) -> Result<Restored> {
         client: row.get(8)?,
         attended: row.get(9)?,
         content: row.get(10)?,
+        place: place(row)?,
+        webhook: row.get(23)?,
     };
     let blob = |id: usize| -> Result<Option<BlobRef>> {
         let bytes: Option<i64> = row.get(id + 1)?;
@@ -81,6 +115,13 @@ fn job(row: &Row) -> Result<Restored> {
         events: Vec::new(),
         last_event: row.get::<_, i64>(19)? as u64,
     })
+}
+
+fn place(row: &Row) -> Result<Option<Place>> {
+    match (row.get(20)?, row.get(21)?, row.get(22)?) {
+        (Some(batch), Some(item), Some(name)) => Ok(Some(Place { batch, item, name })),
+        _ => Ok(None),
+    }
 }
 
 fn events(c: &Connection, job: i64) -> Result<Vec<Event>> {

@@ -1,8 +1,8 @@
 //! What leaves the ledger, by age and by bytes, and which blobs are then of no more use.
 
-use super::now;
+use super::{DAY, now};
 use rusqlite::{Connection, Result};
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 /// How much is kept.
 #[derive(Debug, Clone, Copy)]
@@ -22,6 +22,8 @@ pub struct Kept {
 pub struct Leaving {
     /// Numbers of jobs.
     pub jobs: Vec<i64>,
+    /// Numbers of batches, all of whose jobs leave.
+    pub batches: Vec<i64>,
     /// Ids of scenes.
     pub scenes: Vec<String>,
     /// Ids of images.
@@ -32,7 +34,8 @@ impl Leaving {
     /// What is beyond the bounds: the oldest leave first, what an unfinished job needs stays.
     pub fn choose(c: &Connection, kept: &Kept) -> Result<Self> {
         let (scenes, images) = uploads(c, kept)?;
-        Ok(Self { jobs: jobs(c, kept)?, scenes, images })
+        let (jobs, batches) = jobs(c, kept)?;
+        Ok(Self { jobs, batches, scenes, images })
     }
 
     /// Whether nothing leaves.
@@ -43,6 +46,9 @@ impl Leaving {
     pub(super) fn apply(&self, c: &Connection) -> Result<()> {
         let mut job = c.prepare_cached("DELETE FROM jobs WHERE number = ?1 AND ended IS NOT NULL")?;
         self.jobs.iter().try_for_each(|number| job.execute([number]).map(drop))?;
+        let mut batch = c.prepare_cached("DELETE FROM batches WHERE number = ?1")?;
+        self.batches.iter().try_for_each(|number| batch.execute([number]).map(drop))?;
+        c.execute("DELETE FROM usage WHERE day < ?1", [now() / DAY])?;
         let unused = |table: &str, column: &str| {
             let sql = format!(
                 "DELETE FROM {table} WHERE id = ?1
@@ -56,36 +62,61 @@ impl Leaving {
     }
 }
 
-/// A finished job: when it ended, and the blobs of its result.
-struct Ended {
-    number: i64,
+/// Finished jobs that leave together: one, or those of a batch.
+struct Unit {
+    jobs: Vec<i64>,
+    batch: Option<i64>,
+    /// When the last of them ended.
     ended: i64,
-    blobs: [Option<(String, i64)>; 2],
+    /// Those of the results.
+    blobs: Vec<(String, i64)>,
 }
 
-fn jobs(c: &Connection, kept: &Kept) -> Result<Vec<i64>> {
-    let sql = "SELECT number, ended, file, f.bytes, picture, p.bytes FROM jobs
+/// All units, the one that ended last first.
+fn units(c: &Connection) -> Result<Vec<Unit>> {
+    let mut open = c.prepare_cached("SELECT DISTINCT batch FROM jobs WHERE ended IS NULL AND batch IS NOT NULL")?;
+    let open = open.query_map([], |row| row.get(0))?.collect::<Result<HashSet<i64>>>()?;
+    let sql = "SELECT number, ended, file, f.bytes, picture, p.bytes, batch FROM jobs
                LEFT JOIN blobs f ON f.id = file LEFT JOIN blobs p ON p.id = picture
                WHERE ended IS NOT NULL ORDER BY ended DESC, number DESC";
     let mut query = c.prepare_cached(sql)?;
-    let rows = query.query_map([], |row| {
-        let blob = |id: Option<String>, bytes: Option<i64>| id.zip(bytes);
-        let blobs = [blob(row.get(2)?, row.get(3)?), blob(row.get(4)?, row.get(5)?)];
-        Ok(Ended { number: row.get(0)?, ended: row.get(1)?, blobs })
-    })?;
-    let (oldest, mut seen, mut bytes) = (now().saturating_sub(kept.age), HashSet::new(), 0);
-    let mut leaving = Vec::new();
-    for (place, row) in rows.enumerate() {
-        let row = row?;
-        let more = row.blobs.into_iter().flatten().filter(|(id, _)| seen.insert(id.clone()));
-        bytes += more.map(|(_, bytes)| bytes as u64).sum::<u64>();
-        // The newest stays even if it alone is too much: its client has just been told of it.
-        let too_much = place >= kept.jobs || (bytes > kept.result_bytes && place > 0);
-        if too_much || row.ended < oldest {
-            leaving.push(row.number);
+    let mut rows = query.query([])?;
+    let (mut units, mut places) = (Vec::<Unit>::new(), HashMap::new());
+    while let Some(row) = rows.next()? {
+        let batch: Option<i64> = row.get(6)?;
+        if batch.is_some_and(|batch| open.contains(&batch)) {
+            continue;
+        }
+        let place = batch.map_or(units.len(), |batch| *places.entry(batch).or_insert(units.len()));
+        if place == units.len() {
+            units.push(Unit { jobs: Vec::new(), batch, ended: row.get(1)?, blobs: Vec::new() });
+        }
+        let Some(unit) = units.get_mut(place) else { continue };
+        unit.jobs.push(row.get(0)?);
+        for column in [2, 4] {
+            let (id, bytes): (Option<String>, Option<i64>) = (row.get(column)?, row.get(column + 1)?);
+            unit.blobs.extend(id.zip(bytes));
         }
     }
-    Ok(leaving)
+    Ok(units)
+}
+
+/// Numbers of the jobs and of the batches that leave.
+fn jobs(c: &Connection, kept: &Kept) -> Result<(Vec<i64>, Vec<i64>)> {
+    let (oldest, mut seen, mut bytes, mut count) = (now().saturating_sub(kept.age), HashSet::new(), 0, 0);
+    let (mut leaving, mut batches) = (Vec::new(), Vec::new());
+    for (place, unit) in units(c)?.into_iter().enumerate() {
+        let more = unit.blobs.into_iter().filter(|(id, _)| seen.insert(id.clone()));
+        bytes += more.map(|(_, bytes)| bytes as u64).sum::<u64>();
+        // The newest stays even if it alone is too much: its client has just been told of it.
+        let too_much = count >= kept.jobs || (bytes > kept.result_bytes && place > 0);
+        count += unit.jobs.len();
+        if too_much || unit.ended < oldest {
+            leaving.extend(unit.jobs);
+            batches.extend(unit.batch);
+        }
+    }
+    Ok((leaving, batches))
 }
 
 fn uploads(c: &Connection, kept: &Kept) -> Result<(Vec<String>, Vec<String>)> {

@@ -5,7 +5,7 @@ use rusqlite::{Connection, ErrorCode};
 use std::path::Path;
 
 /// Each brings the schema from the number of its place to the next; they are never changed, only added to.
-const MIGRATIONS: &[&str] = &[include_str!("migrations/0001_jobs.sql")];
+const MIGRATIONS: &[&str] = &[include_str!("migrations/0001_jobs.sql"), include_str!("migrations/0002_batches.sql")];
 
 /// Opens a file, or memory.
 pub fn open(file: Option<&Path>) -> Result<Connection, LedgerError> {

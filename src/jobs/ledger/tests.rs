@@ -1,7 +1,8 @@
 use super::*;
+use crate::jobs::batch::BatchSpec;
 use crate::jobs::blobs::BlobRef;
 use crate::jobs::events::{Event, EventKind};
-use crate::jobs::job::Spec;
+use crate::jobs::job::{Place, Spec};
 use crate::jobs::outcome::{Outcome, Record};
 use crate::jobs::problem::{Code, Problem};
 use crate::jobs::state::State;
@@ -26,6 +27,8 @@ fn spec(number: i64) -> Spec {
         client: "10.1.2.3".to_owned(),
         attended: false,
         content: "content".to_owned(),
+        place: None,
+        webhook: None,
     }
 }
 
@@ -200,4 +203,56 @@ async fn the_audit_sees_what_is_wrong() {
     for part in ["started follows Some(Succeeded)", "its events end with", "its scene is gone"] {
         assert!(faults.contains(part), "{part}: {faults}");
     }
+}
+
+#[tokio::test]
+async fn a_batch_is_written_whole_and_leaves_whole() {
+    let ledger = Ledger::open(None).unwrap();
+    ledger.commit(scene("sha256-s")).await.unwrap();
+    let batch = Arc::new(BatchSpec {
+        number: 1,
+        id: "batch-1".to_owned(),
+        key: Some("key".to_owned()),
+        created: 1_700_000_000_123,
+        client: "key:ci".to_owned(),
+        content: "content".to_owned(),
+    });
+    let item = |number: i64| {
+        let place = Some(Place { batch: 1, item: number as u32 - 1, name: format!("n{number}") });
+        (
+            Arc::new(Spec { place, webhook: Some("https://example.com/".to_owned()), ..spec(number) }),
+            event(1, EventKind::Queued),
+        )
+    };
+    // One of them does not fit: none is written.
+    let twice = Change::Batch(Arc::clone(&batch), vec![item(1), item(1)]);
+    assert!(matches!(ledger.commit(twice).await, Err(LedgerError::Refused(_))));
+    assert!(ledger.ask(jobs).await.unwrap().is_empty() && ledger.ask(batches).await.unwrap().is_empty());
+    ledger.commit(Change::Batch(Arc::clone(&batch), vec![item(1), item(2)])).await.unwrap();
+    assert_eq!(ledger.ask(batches).await.unwrap(), [batch.as_ref().clone()]);
+    assert_eq!(ledger.ask(jobs).await.unwrap()[1].spec, *item(2).0);
+    let renders = ledger.ask(|c| usage(c, 1_700_000_000_999)).await.unwrap();
+    assert_eq!(renders, [("10.1.2.3".to_owned(), 2)]);
+    sound(&ledger).await;
+
+    let leaving = |kept: Kept| {
+        let ledger = ledger.clone();
+        async move { ledger.ask(move |c| Leaving::choose(c, &kept)).await.unwrap() }
+    };
+    ledger.commit(happens(1, 2, EventKind::Cancelled, Some(Standing::Cancelled))).await.unwrap();
+    assert!(leaving(Kept { age: -1, ..all() }).await.jobs.is_empty(), "the other is not over");
+    ledger.commit(happens(2, 2, EventKind::Cancelled, Some(Standing::Cancelled))).await.unwrap();
+    let told = ledger.ask(|c| deliveries(c, i64::MAX, 9)).await.unwrap();
+    assert_eq!((told.len(), told[0].id.as_str(), told[0].attempts), (2, "msg_job-1", 0));
+    ledger.commit(Change::Postponed { id: "msg_job-1".to_owned(), due: i64::MAX }).await.unwrap();
+    ledger.commit(Change::Delivered("msg_job-2".to_owned())).await.unwrap();
+    assert_eq!(ledger.ask(|c| deliveries(c, i64::MAX, 9)).await.unwrap()[0].attempts, 1);
+    let all_of_it = leaving(Kept { age: -1, ..all() }).await;
+    assert_eq!((all_of_it.jobs.len(), all_of_it.batches.as_slice()), (2, [1].as_slice()));
+    ledger.ask(|c| c.execute("DELETE FROM jobs WHERE number = 1", [])).await.unwrap();
+    assert!(ledger.ask(audit).await.unwrap().join("\n").contains("1 jobs, of 2"));
+    ledger.commit(Change::Forget(all_of_it)).await.unwrap();
+    assert!(ledger.ask(batches).await.unwrap().is_empty());
+    assert_eq!(ledger.ask(next_batch).await.unwrap(), 2);
+    sound(&ledger).await;
 }

@@ -1,0 +1,108 @@
+//! `/v1/batches`: many renders at once.
+
+use super::scenes::{Page, bad_cursor};
+use super::upload::{self, Text};
+use super::{App, accept, archive, caller, jobs, query};
+use crate::jobs::{Batch, BatchSubmission, Code, Item, ManifestError, Problem, from_lines, from_matrix};
+use axum::Json;
+use axum::body::Body;
+use axum::extract::{Path, Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
+use axum::response::{IntoResponse, Response};
+use serde_json::{Value, json};
+use std::time::Duration;
+
+/// Bytes of a manifest.
+pub const MANIFEST_BYTES: usize = 4 << 20;
+
+const LINES: [&str; 3] = ["application/x-ndjson", "application/jsonl", "application/x-jsonlines"];
+
+const KINDS: Text = Text {
+    kinds: &[LINES[0], LINES[1], LINES[2], "application/json"],
+    bytes: MANIFEST_BYTES,
+    hint: "send a render per line as application/x-ndjson, or a matrix as application/json",
+};
+
+/// `POST /v1/batches`
+pub async fn create(State(app): State<App>, headers: HeaderMap, request: Request) -> Result<Response, Problem> {
+    let [] = query::fields(request.uri(), [])?;
+    let (key, caller) = (jobs::idempotency_key(&headers)?, caller(&request));
+    let (kind, text) = upload::read_text(&app, &KINDS, request).await?;
+    let items = read(&kind, &text, app.service.limits().batch_items)?;
+    let submission = BatchSubmission {
+        items,
+        key,
+        client: caller.client,
+        quota: caller.renders_per_day,
+        anew: jobs::wants_anew(&headers),
+    };
+    let batch = app.service.submit_batch(submission).await?;
+    let location =
+        HeaderValue::try_from(format!("/v1/batches/{}", batch.spec.id)).map(|value| [(header::LOCATION, value)]);
+    Ok((StatusCode::ACCEPTED, location.ok(), Json(batch.describe())).into_response())
+}
+
+fn read(kind: &str, text: &str, most: usize) -> Result<Vec<Item>, Problem> {
+    let items =
+        if LINES.contains(&kind) { from_lines(text, most) } else { from_matrix(&upload::parse_json(text)?, most) };
+    items.map_err(|error| match error {
+        ManifestError::Syntax(detail) => Problem::new(Code::MalformedJson, detail),
+        ManifestError::Fields(faults) => Problem::fields(Code::InvalidParams, faults),
+    })
+}
+
+/// `GET /v1/batches`
+pub async fn list(State(app): State<App>, uri: Uri) -> Result<Json<Value>, Problem> {
+    let page = Page::read(&uri)?;
+    let lost = |_| bad_cursor("there is no such batch, or it has been forgotten since");
+    let before = match &page.cursor {
+        Some(cursor) => Some(app.service.batch(cursor).await.map_err(lost)?),
+        None => None,
+    };
+    let (batches, more) = app.service.batches(before.as_deref(), page.count).await;
+    let next = batches.last().filter(|_| more).map(|batch| batch.spec.id.clone());
+    let items: Vec<_> = batches.iter().map(|batch| batch.summary()).collect();
+    Ok(Json(json!({ "items": items, "next": next })))
+}
+
+/// `GET /v1/batches/{id}`; `Prefer: wait=N` waits for its end.
+pub async fn show(State(app): State<App>, Path(id): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+    let batch = app.service.batch(&id).await?;
+    let longest = Duration::from_secs(app.service.limits().wait_seconds);
+    let Some(patience) = accept::wait(&headers, longest) else { return Ok(Json(batch.describe()).into_response()) };
+    let mut closed = app.service.closed();
+    tokio::select! {
+        _ = tokio::time::timeout(patience, batch.finished()) => {}
+        _ = closed.wait_for(|closed| *closed) => {}
+    }
+    let applied = HeaderValue::try_from(format!("wait={}", patience.as_secs()));
+    let applied = applied.map(|value| [("preference-applied", value)]);
+    Ok((applied.ok(), Json(describe_settled(&app, &batch.spec.id, &batch).await)).into_response())
+}
+
+/// As the ledger has it, if the batch is still known.
+async fn describe_settled(app: &App, id: &str, batch: &Batch) -> Value {
+    match app.service.batch(id).await {
+        Ok(batch) => batch.describe(),
+        Err(_) => batch.describe(),
+    }
+}
+
+/// `GET /v1/batches/{id}/results`: pictures as they are finished, in the order of the manifest.
+pub async fn results(State(app): State<App>, Path(id): Path<String>) -> Result<Response, Problem> {
+    let batch = app.service.batch(&id).await?;
+    let name = format!("attachment; filename=\"{}.zip\"", batch.spec.id);
+    let head = [
+        (header::CONTENT_TYPE, HeaderValue::from_static("application/zip")),
+        (header::CACHE_CONTROL, HeaderValue::from_static("no-store")),
+        (header::CONTENT_DISPOSITION, HeaderValue::try_from(name).unwrap_or(HeaderValue::from_static("attachment"))),
+    ];
+    Ok((head, Body::from_stream(archive::stream(app, batch))).into_response())
+}
+
+/// `POST /v1/batches/{id}/cancel`: 200 however often; jobs that are over stay as they are.
+pub async fn cancel(State(app): State<App>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
+    let batch = app.service.batch(&id).await?;
+    app.service.cancel_batch(&batch).await;
+    Ok(Json(batch.describe()))
+}

@@ -1,0 +1,261 @@
+//! Manifests: many renders in one text, a line of JSON each, or a matrix of scenes, cameras, variants and lights.
+//! The server and the command line read the same.
+
+use crate::params::{self, FieldError, JsonError, RenderParams};
+use serde::Deserialize;
+use serde_json::Value;
+use std::collections::HashSet;
+
+/// Faults after which reading stops: who made a thousand lines the same way has made one mistake.
+const MOST_FAULTS: usize = 20;
+
+/// Longest name of an item.
+const LONGEST_NAME: usize = 100;
+
+/// One render of a manifest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Item {
+    /// Of its file, without the extension; no two are alike, in whatever case.
+    pub name: String,
+    /// Id of a scene; on the command line a file or `demo:NAME`.
+    pub scene: String,
+    /// Parameters, not validated yet.
+    pub params: RenderParams,
+    /// -100 to 100.
+    pub priority: i32,
+}
+
+/// Why a manifest is not read.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ManifestError {
+    /// It is no JSON.
+    Syntax(String),
+    /// Fields at fault: `/items/3/params/width` for the fourth render.
+    Fields(Vec<FieldError>),
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Line {
+    scene: String,
+    #[serde(default)]
+    name: Option<String>,
+    #[serde(default)]
+    params: Option<Value>,
+    #[serde(default)]
+    priority: i32,
+}
+
+/// Each scene with each camera, variant and set of lights; an axis that is left out has one place, as `params` say.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Matrix {
+    scenes: Vec<String>,
+    #[serde(default)]
+    params: Option<Value>,
+    #[serde(default)]
+    cameras: Vec<Value>,
+    #[serde(default)]
+    variants: Vec<Value>,
+    #[serde(default)]
+    lights: Vec<Value>,
+    #[serde(default)]
+    priority: i32,
+}
+
+/// Reads either form: a matrix is one JSON object that has `scenes`.
+///
+/// # Errors
+/// As [`from_lines`] and [`from_matrix`].
+pub fn read(text: &str, most: usize) -> Result<Vec<Item>, ManifestError> {
+    match params::json(text, "") {
+        Ok(value) if value.get("scenes").is_some() => from_matrix(&value, most),
+        _ => from_lines(text, most),
+    }
+}
+
+/// Reads a render per line; empty lines count for nothing.
+///
+/// # Errors
+/// A line is no JSON, has fields at fault, or there are none or too many.
+pub fn from_lines(text: &str, most: usize) -> Result<Vec<Item>, ManifestError> {
+    let lines = || text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    check_count(lines().count(), most)?;
+    let mut draft = Draft::default();
+    for (index, (number, line)) in lines().enumerate() {
+        let root = format!("/items/{index}");
+        let value = match params::json(line, &root) {
+            Ok(value) => value,
+            Err(JsonError::Syntax(error)) => {
+                // Its own line number is 1 always.
+                let place = error.rsplit_once(" column ").map_or("", |(_, column)| column);
+                return Err(ManifestError::Syntax(format!("line {}, column {place}: {error}", number + 1)));
+            }
+            Err(JsonError::Twice(fault)) => {
+                draft.faults.push(fault);
+                continue;
+            }
+        };
+        match params::read::<Line>(&value) {
+            Ok(line) => {
+                let name = line.name.unwrap_or_else(|| format!("{index:04}"));
+                draft.add(&root, name, line.scene, &line.params.unwrap_or_default(), line.priority);
+            }
+            Err(fault) => draft.faults.push(below(&root, fault)),
+        }
+    }
+    draft.finish()
+}
+
+/// Reads a matrix.
+///
+/// # Errors
+/// Fields are at fault, or it is empty or too large.
+pub fn from_matrix(value: &Value, most: usize) -> Result<Vec<Item>, ManifestError> {
+    let matrix: Matrix = params::read(value).map_err(|fault| ManifestError::Fields(vec![fault]))?;
+    let axes = [&matrix.cameras, &matrix.variants, &matrix.lights];
+    let count = axes.iter().fold(matrix.scenes.len(), |count, axis| count.saturating_mul(axis.len().max(1)));
+    check_count(count, most)?;
+    let mut draft = Draft::default();
+    for index in 0..count {
+        // The last axis runs fastest.
+        let mut rest = index;
+        let mut place = |length: usize| {
+            let at = rest % length.max(1);
+            rest /= length.max(1);
+            at
+        };
+        let [lights, variant, camera] =
+            [place(matrix.lights.len()), place(matrix.variants.len()), place(matrix.cameras.len())];
+        let scene = place(matrix.scenes.len());
+        let mut params = matrix.params.clone().unwrap_or_else(|| Value::Object(serde_json::Map::new()));
+        let mut parts = Vec::new();
+        if matrix.scenes.len() > 1 {
+            parts.push(format!("scene{scene}"));
+        }
+        let given = [
+            ("camera", &matrix.cameras, camera),
+            ("variant", &matrix.variants, variant),
+            ("lights", &matrix.lights, lights),
+        ];
+        for (field, axis, at) in given {
+            let (Some(choice), Some(params)) = (axis.get(at), params.as_object_mut()) else { continue };
+            params.insert(field.to_owned(), choice.clone());
+            parts.push(format!("{field}{at}"));
+        }
+        let name = if parts.is_empty() { "picture".to_owned() } else { parts.join("_") };
+        let scene = matrix.scenes.get(scene).cloned().unwrap_or_default();
+        draft.add(&format!("/items/{index}"), name, scene, &params, matrix.priority);
+    }
+    draft.finish()
+}
+
+fn check_count(count: usize, most: usize) -> Result<(), ManifestError> {
+    if (1..=most).contains(&count) {
+        return Ok(());
+    }
+    let detail = format!("a batch has 1 to {most} renders (GET /v1/limits, batch_items), and this has {count}");
+    Err(ManifestError::Fields(vec![FieldError::new("/items", detail)]))
+}
+
+/// What has been read so far.
+#[derive(Default)]
+struct Draft {
+    items: Vec<Item>,
+    names: HashSet<String>,
+    faults: Vec<FieldError>,
+}
+
+impl Draft {
+    fn add(&mut self, root: &str, name: String, scene: String, params: &Value, priority: i32) {
+        if self.faults.len() >= MOST_FAULTS {
+            return;
+        }
+        let plain = name.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.'));
+        if !plain || !name.starts_with(|c: char| c.is_ascii_alphanumeric()) || name.len() > LONGEST_NAME {
+            let detail = format!(
+                "must be 1 to {LONGEST_NAME} letters, digits, `-`, `_` or `.`, beginning with a letter or a digit"
+            );
+            self.faults.push(FieldError::new(format!("{root}/name"), detail));
+        } else if !self.names.insert(name.to_ascii_lowercase()) {
+            let detail = format!("another item is named `{name}` (files of such names may be one)");
+            self.faults.push(FieldError::new(format!("{root}/name"), detail));
+        }
+        let text = if params.is_null() { "{}".to_owned() } else { params.to_string() };
+        match params::from_json(&text) {
+            Ok(params) => self.items.push(Item { name, scene, params, priority }),
+            Err(faults) => self.faults.extend(faults.into_iter().map(|fault| below(root, fault))),
+        }
+    }
+
+    fn finish(self) -> Result<Vec<Item>, ManifestError> {
+        if self.faults.is_empty() { Ok(self.items) } else { Err(ManifestError::Fields(self.faults)) }
+    }
+}
+
+/// The same fault, of a part.
+pub fn below(root: &str, fault: FieldError) -> FieldError {
+    FieldError { pointer: format!("{root}{}", fault.pointer), ..fault }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn pointers(read: Result<Vec<Item>, ManifestError>) -> Vec<String> {
+        match read {
+            Err(ManifestError::Fields(faults)) => faults.into_iter().map(|fault| fault.pointer).collect(),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn lines_are_renders() {
+        let text = "{\"scene\": \"a\"}\n\n{\"scene\": \"b\", \"name\": \"top\", \"params\": {\"width\": 7}, \"priority\": 3}\n";
+        let items = read(text, 2).unwrap();
+        assert_eq!(items.iter().map(|item| item.name.as_str()).collect::<Vec<_>>(), ["0000", "top"]);
+        assert_eq!((items[1].scene.as_str(), items[1].params.width, items[1].priority), ("b", 7, 3));
+    }
+
+    #[test]
+    fn a_matrix_is_every_combination() {
+        let matrix = json!({
+            "scenes": ["a", "b"],
+            "params": {"width": 9},
+            "cameras": [{"index": 0}, {"orbit": {"azimuth_degrees": 90}}, null],
+            "lights": [[], [{"type": "ambient"}]],
+        });
+        let items = read(&matrix.to_string(), 12).unwrap();
+        let names: HashSet<_> = items.iter().map(|item| item.name.clone()).collect();
+        assert_eq!((items.len(), names.len()), (12, 12));
+        assert_eq!((items[1].name.as_str(), items[1].params.lights.len()), ("scene0_camera0_lights1", 1));
+        assert_eq!((items[11].name.as_str(), items[11].scene.as_str()), ("scene1_camera2_lights1", "b"));
+        assert!(items.iter().all(|item| item.params.width == 9));
+        assert_eq!(read(r#"{"scenes": ["a"]}"#, 1).unwrap()[0].name, "picture");
+    }
+
+    #[test]
+    fn faults_have_their_places() {
+        let line = |more: &str| format!("{{\"scene\": \"a\"{more}}}\n");
+        let two = [line(""), line(", \"params\": {\"widht\": 1}")].concat();
+        assert_eq!(pointers(read(&two, 9)), ["/items/1/params/widht"]);
+        assert_eq!(
+            pointers(read(&[line(", \"name\": \"x\""), line(", \"name\": \"X\"")].concat(), 9)),
+            ["/items/1/name"]
+        );
+        for name in ["../x", ".x", "", "a/b", "ä", &"x".repeat(101)] {
+            assert_eq!(pointers(read(&line(&format!(", \"name\": \"{name}\"")), 9)), ["/items/0/name"], "{name}");
+        }
+        assert_eq!(pointers(read(&line(", \"more\": 1"), 9)), ["/items/0/more"]);
+        assert_eq!(pointers(read("", 9)), ["/items"]);
+        assert_eq!(pointers(read(&line("").repeat(10), 9)), ["/items"]);
+        assert_eq!(pointers(read(r#"{"scenes": []}"#, 9)), ["/items"]);
+        let huge = json!({"scenes": ["a"], "cameras": vec![Value::Null; 4000], "lights": vec![json!([]); 4000], "variants": vec![Value::Null; 4000]});
+        assert_eq!(pointers(read(&huge.to_string(), 9)), ["/items"]);
+        assert!(
+            matches!(read("{\"scene\": \"a\"}\n{", 9), Err(ManifestError::Syntax(text)) if text.starts_with("line 2"))
+        );
+        assert_eq!(pointers(read(&line(", \"params\": {\"widht\": 1}").repeat(500), 900)).len(), MOST_FAULTS);
+    }
+}
