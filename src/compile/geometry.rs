@@ -7,7 +7,7 @@ use super::groups::{Group, Groups, too_large};
 use super::materials::{self, Key, Table};
 use super::textures::{Space, Textures};
 use super::vertices::{self, Placement, UV_SETS};
-use super::walk::invalid;
+use super::walk::{chosen_scene, invalid};
 use super::{CompileError, CompileStats, CompiledScene, NONE, Triangle};
 use crate::params::FieldError;
 use crate::scene::{Mesh, Primitive, Scene, SceneError, TextureRef};
@@ -37,7 +37,8 @@ pub fn compile_variant(
     variant: Option<&str>,
 ) -> Result<CompiledScene, CompileError> {
     let variant = variant.map(|name| variant_index(scene, name)).transpose()?;
-    let groups = Groups::new(scene, scene_index, variant)?;
+    let drawn = scene.drawn(chosen_scene(scene, scene_index)?)?;
+    let groups = Groups::new(&drawn, variant);
     groups.check_size()?;
     let origin = groups.centre()?;
     let keys = groups.primitives().map(|primitive| primitive.material).collect();
@@ -46,8 +47,8 @@ pub fn compile_variant(
     let textures = Textures::decode(scene, &uses)?;
     let table = Table::new(scene, &keys, &textures);
     let sources: BTreeMap<Key, _> = keys.iter().map(|key| (*key, materials::source(scene, *key))).collect();
-    let drawn = groups.primitives().map(|primitive| (primitive, &sources[&primitive.material]));
-    let layout = vertices::layout(drawn, uv_sets);
+    let primitives = groups.primitives().map(|primitive| (primitive, &sources[&primitive.material]));
+    let layout = vertices::layout(primitives, uv_sets);
     groups.check_vertices(&layout)?;
 
     let surfaces =

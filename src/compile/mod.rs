@@ -27,6 +27,7 @@ mod hdri;
 mod lighting;
 mod lights;
 mod materials;
+mod moment;
 mod quantize;
 mod texels;
 mod textures;
@@ -49,7 +50,8 @@ pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight,
 };
 pub use lights::{light, shines};
-pub use walk::{Placed, camera_nodes, chosen_scene};
+pub use moment::moment;
+pub use walk::{camera_nodes, chosen_scene};
 
 use glam::Affine3A;
 

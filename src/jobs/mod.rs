@@ -183,7 +183,7 @@ impl Service {
         let limits = &self.core.limits;
         let (limit, save_bytes) = (limits.job_memory_bytes, limits.save_film_bytes);
         let copied = if self.core.storage.is_durable() { save_bytes } else { 0 };
-        let at_hand = order.scene.is_compiled(order.params.scene, order.params.variant.as_deref());
+        let at_hand = order.scene.is_compiled(&order.params);
         let compiling = {
             let job = Arc::clone(&job);
             move || compile::compile(job, &order, saved, limit, copied)

@@ -2,7 +2,8 @@
 
 use super::store::Stored;
 use crate::compile::{self, CompileError, CompiledScene, Hdri};
-use crate::scene::Scene;
+use crate::params::RenderParams;
+use crate::scene::{Curve, Moment, Primitive, Scene};
 use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use std::fmt::Write;
@@ -22,11 +23,23 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Compiled form of one of the file's scenes in one of its variants; locked while it is being made, so that the next caller waits for it.
+/// Compiled form of one of the file's scenes in one of its variants, at a moment; locked while it is being made, so that
+/// the next caller waits for it.
 type Slot = Arc<Mutex<Option<Arc<CompiledScene>>>>;
 
-/// Index of one of the file's scenes, and name of the variant.
-type Key = (usize, Option<String>);
+/// What a compiled scene depends on.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+struct Key {
+    /// Index of one of the file's scenes.
+    scene: usize,
+    /// Name of the variant.
+    variant: Option<String>,
+    /// Animation and time (its bits), if that animation moves any mesh.
+    moment: Option<(usize, u64)>,
+}
+
+/// Moments of a scene that are kept compiled, the latest used. There is no end to the moments that clients could name.
+const MAX_MOMENTS: usize = 4;
 
 /// An imported scene and what has been compiled of it.
 #[derive(Debug)]
@@ -38,7 +51,30 @@ pub struct StoredScene {
     /// Bytes of the upload.
     pub upload_bytes: u64,
     scene_bytes: u64,
-    compiled: Mutex<HashMap<Key, Slot>>,
+    compiled: Mutex<Compiled>,
+}
+
+/// What has been compiled of a scene.
+#[derive(Debug, Default)]
+struct Compiled {
+    slots: HashMap<Key, Slot>,
+    /// Keys with a moment, the latest used at the end.
+    moments: Vec<Key>,
+}
+
+impl Compiled {
+    /// The slot of a key, which is made if need be. It may push out the moment that was not used for the longest time.
+    fn slot(&mut self, key: Key) -> Slot {
+        if key.moment.is_some() {
+            self.moments.retain(|moment| *moment != key);
+            self.moments.push(key.clone());
+            if self.moments.len() > MAX_MOMENTS {
+                let oldest = self.moments.remove(0);
+                self.slots.remove(&oldest);
+            }
+        }
+        Arc::clone(self.slots.entry(key).or_default())
+    }
 }
 
 impl StoredScene {
@@ -49,31 +85,42 @@ impl StoredScene {
     }
 
     /// Whether [`Self::compile`] would return at once.
-    pub fn is_compiled(&self, index: Option<usize>, variant: Option<&str>) -> bool {
-        self.slots().get(&self.resolve(index, variant)).and_then(ready).is_some()
+    pub fn is_compiled(&self, params: &RenderParams) -> bool {
+        let moment = compile::moment(&self.scene, params);
+        moment.is_ok_and(|moment| self.compiled().slots.get(&self.key(params, moment)).and_then(ready).is_some())
     }
 
-    /// The compiled form of one of the file's scenes in a variant. Blocks; of several callers one compiles and the others wait.
-    pub fn compile(&self, index: Option<usize>, variant: Option<&str>) -> Result<Arc<CompiledScene>, CompileError> {
-        let compile = || compile::compile_variant(&self.scene, index, variant).map(Arc::new);
+    /// The scene at the moment that a request asks for, and the compiled form of what it shows. Blocks; of several callers
+    /// one compiles and the others wait.
+    pub fn compile(&self, params: &RenderParams) -> Result<(Arc<Scene>, Arc<CompiledScene>), CompileError> {
+        let moment = compile::moment(&self.scene, params)?;
+        let posed = if moment.is_some() { Arc::new(self.scene.at(moment)) } else { Arc::clone(&self.scene) };
+        let (index, variant) = (params.scene, params.variant.as_deref());
+        let compile = || compile::compile_variant(&posed, index, variant).map(Arc::new);
         let no_scene = index.is_some_and(|index| index >= self.scene.scenes.len());
         if no_scene || variant.is_some_and(|name| !self.scene.variants.iter().any(|variant| variant == name)) {
             // Not kept: the client could name any number of such scenes.
-            return compile();
+            return compile().map(|compiled| (Arc::clone(&posed), compiled));
         }
-        let slot = Arc::clone(self.slots().entry(self.resolve(index, variant)).or_default());
+        let slot = self.compiled().slot(self.key(params, moment));
         let mut compiled = slot.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(compiled) = compiled.as_ref() {
-            return Ok(Arc::clone(compiled));
+        let compiled = match compiled.as_ref() {
+            Some(compiled) => Arc::clone(compiled),
+            None => Arc::clone(compiled.insert(compile()?)),
+        };
+        Ok((posed, compiled))
+    }
+
+    fn key(&self, params: &RenderParams, moment: Option<Moment>) -> Key {
+        let moves = |moment: &Moment| self.scene.animations.get(moment.animation).is_some_and(|a| a.moves_meshes);
+        Key {
+            scene: params.scene.or(self.scene.default_scene).unwrap_or(0),
+            variant: params.variant.clone(),
+            moment: moment.filter(moves).map(|moment| (moment.animation, moment.time.to_bits())),
         }
-        Ok(Arc::clone(compiled.insert(compile()?)))
     }
 
-    fn resolve(&self, index: Option<usize>, variant: Option<&str>) -> Key {
-        (index.or(self.scene.default_scene).unwrap_or(0), variant.map(str::to_owned))
-    }
-
-    fn slots(&self) -> MutexGuard<'_, HashMap<Key, Slot>> {
+    fn compiled(&self) -> MutexGuard<'_, Compiled> {
         self.compiled.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -84,7 +131,7 @@ impl Stored for StoredScene {
     }
 
     fn bytes(&self) -> u64 {
-        let compiled = self.slots().values().filter_map(ready).map(|scene| compiled_bytes(&scene)).sum::<u64>();
+        let compiled = self.compiled().slots.values().filter_map(ready).map(|scene| compiled_bytes(&scene)).sum::<u64>();
         self.scene_bytes + compiled
     }
 }
@@ -119,17 +166,24 @@ fn ready(slot: &Slot) -> Option<Arc<CompiledScene>> {
 fn scene_bytes(scene: &Scene) -> u64 {
     let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
     let primitives = primitives.flat_map(|p| p.alternatives.iter().map(|(_, other)| other).chain([p]));
-    let meshes: usize = primitives
-        .map(|p| {
-            let optional = p.normals.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
-                + p.tangents.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
-                + p.colors.as_ref().map_or(0, |v| size_of_val(v.as_slice()));
-            let uvs: usize = p.uvs.iter().map(|set| size_of_val(set.as_slice())).sum();
-            size_of_val(p.positions.as_slice()) + size_of_val(p.triangles.as_slice()) + optional + uvs
-        })
-        .sum();
+    let meshes: usize = primitives.map(primitive_bytes).sum();
     let images: usize = scene.images.iter().map(|image| image.bytes.len()).sum();
-    (meshes + images + scene.nodes.len() * 256) as u64
+    let curve = |curve: &Curve| size_of_val(curve.times.as_slice()) + size_of_val(curve.values.as_slice());
+    let channels = scene.animations.iter().flat_map(|animation| &animation.channels);
+    let curves: usize = channels.map(|channel| curve(&channel.curve)).sum();
+    let instances: usize = scene.nodes.iter().flat_map(|node| &node.instances).map(|list| size_of_val(&list[..])).sum();
+    (meshes + images + curves + instances + scene.nodes.len() * 256) as u64
+}
+
+fn primitive_bytes(p: &Primitive) -> usize {
+    let optional = p.normals.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
+        + p.tangents.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
+        + p.colors.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
+        + p.influences.as_ref().map_or(0, |i| size_of_val(i.joints.as_slice()) + size_of_val(i.weights.as_slice()));
+    let uvs: usize = p.uvs.iter().map(|set| size_of_val(set.as_slice())).sum();
+    let lists = p.targets.iter().flat_map(|target| [&target.positions, &target.normals, &target.tangents]);
+    let targets: usize = lists.map(|list| size_of_val(list.as_slice())).sum();
+    size_of_val(p.positions.as_slice()) + size_of_val(p.triangles.as_slice()) + optional + uvs + targets
 }
 
 /// Memory of a compiled scene.

@@ -38,6 +38,10 @@ pub struct RenderParams {
     pub scene: Option<usize>,
     /// Name of the variant whose materials are drawn (KHR_materials_variants); none: the default materials.
     pub variant: Option<String>,
+    /// Seconds into the animation; none: the scene stands as the file stores it.
+    pub time: Option<f64>,
+    /// Which animation of the file moves the scene; none: its first, if there is a `time`.
+    pub animation: Option<AnimationChoice>,
     /// Where to look from; none: the scene's first camera, else automatic framing.
     pub camera: Option<CameraParams>,
     /// Lights added to those of the file.
@@ -83,6 +87,8 @@ impl Default for RenderParams {
             height: 500,
             scene: None,
             variant: None,
+            time: None,
+            animation: None,
             camera: None,
             lights: Vec::new(),
             scene_lights: true,
@@ -101,6 +107,16 @@ impl Default for RenderParams {
             output: OutputParams::default(),
         }
     }
+}
+
+/// An animation of the file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected the index or the name of an animation")]
+pub enum AnimationChoice {
+    /// By its place in the file.
+    Index(usize),
+    /// By its name.
+    Name(String),
 }
 
 /// Kind of light transport.

@@ -76,6 +76,7 @@ impl RenderParams {
             check.require(self.exposure.abs() <= MAX_STOPS, "exposure", || {
                 format!("must lie between -{MAX_STOPS} and {MAX_STOPS} stops")
             });
+            check.require(self.time.is_none_or(f64::is_finite), "time", || "must be finite".to_owned());
             check.at("filter", |check| check_filter(check, &self.filter));
             check.at("output", |check| check_output(check, &self.output));
             check.at("preview", |check| preview::check(check, &self.preview, self.width));

@@ -122,5 +122,5 @@ fn colors(params: Value) -> Result<Pair> {
 }
 
 fn edit_primitives(scene: &mut Scene, edit: impl Fn(&mut scene::Primitive)) {
-    scene.meshes.iter_mut().flat_map(|mesh| &mut mesh.primitives).for_each(edit);
+    Arc::make_mut(&mut scene.meshes).iter_mut().flat_map(|mesh| &mut mesh.primitives).for_each(edit);
 }

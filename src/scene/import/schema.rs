@@ -234,6 +234,7 @@ pub(super) struct Image {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Skin {
+    pub name: Option<String>,
     pub inverse_bind_matrices: Option<usize>,
     pub skeleton: Option<usize>,
     pub joints: Vec<usize>,
@@ -241,6 +242,7 @@ pub(super) struct Skin {
 
 #[derive(Debug, Deserialize)]
 pub(super) struct Animation {
+    pub name: Option<String>,
     pub channels: Vec<Channel>,
     pub samplers: Vec<AnimationSampler>,
 }
@@ -293,6 +295,13 @@ pub(super) struct Spot {
 #[derive(Debug, Deserialize)]
 pub(super) struct NodeLight {
     pub light: usize,
+}
+
+/// EXT_mesh_gpu_instancing of a node.
+#[derive(Debug, Deserialize)]
+pub(super) struct Instancing {
+    #[serde(default)]
+    pub attributes: BTreeMap<String, usize>,
 }
 
 /// KHR_materials_emissive_strength.

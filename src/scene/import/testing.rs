@@ -129,6 +129,25 @@ impl Builder {
     }
 }
 
+/// A triangle with texture coordinates in sets 0 and 3, normals and tangents.
+pub(in crate::scene) fn full() -> Builder {
+    let mut builder = Builder::triangle();
+    builder.attribute("TEXCOORD_0", &[0.0, 1.0, 1.0, 1.0, 0.0, 0.0], "VEC2");
+    builder.attribute("TEXCOORD_3", &[0.5; 6], "VEC2");
+    builder.attribute("NORMAL", &[0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], "VEC3");
+    builder.attribute("TANGENT", &[0.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0], "VEC4");
+    builder
+}
+
+pub(in crate::scene) fn with_material(mut builder: Builder, material: &Value) -> Builder {
+    builder.json["materials"] = json!([material]);
+    builder.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let view = builder.view(PNG);
+    builder.json["images"] = json!([{"bufferView": view, "mimeType": "image/png"}]);
+    builder.json["textures"] = json!([{"source": 0}]);
+    builder
+}
+
 fn push(array: &mut Value, item: Value) -> usize {
     let array = array.as_array_mut().unwrap();
     array.push(item);
