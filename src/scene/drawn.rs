@@ -105,3 +105,131 @@ fn beyond(place: String) -> SceneError {
                   right? export the file again, or render another time";
     SceneError::invalid("pose_not_finite", place, detail)
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::scene::import::testing::{Builder, scene_of};
+    use crate::scene::{Drawn, Moment, Scene};
+    use glam::{DAffine3, DQuat, DVec3, Vec3};
+    use serde_json::{Value, json};
+    use std::f64::consts::FRAC_PI_2;
+
+    /// A triangle with normals in the plane's direction, and whatever `json` adds.
+    fn triangle(parts: Value) -> Builder {
+        let mut builder = Builder::triangle();
+        builder.attribute("NORMAL", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0], "VEC3");
+        let Value::Object(parts) = parts else { return builder };
+        for (name, value) in parts {
+            builder.json[name] = value;
+        }
+        builder
+    }
+
+    /// Two joints: the first vertex follows the first, the second the second, the third both by half.
+    fn skinned(nodes: Value, scale: f32) -> Builder {
+        let mut builder = triangle(json!({"nodes": nodes}));
+        let weight = |x: f32| x * scale;
+        let joints = builder.view(&[0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0]);
+        let accessor = json!({"bufferView": joints, "componentType": 5121, "count": 3, "type": "VEC4"});
+        let accessors = builder.json["accessors"].as_array_mut().unwrap();
+        accessors.push(accessor);
+        let joints = accessors.len() - 1;
+        builder.json["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = json!(joints);
+        let weights = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0].map(weight);
+        builder.attribute("WEIGHTS_0", &weights, "VEC4");
+        builder.json["scenes"] = json!([{"nodes": [0]}]);
+        builder.json["skins"] = json!([{"joints": [1, 2]}]);
+        builder
+    }
+
+    fn only<'a>(drawn: &'a [Drawn<'_>]) -> (Vec<DVec3>, &'a Drawn<'a>) {
+        assert_eq!((drawn.len(), drawn[0].worlds.len()), (1, 1));
+        let at = |p: &Vec3| drawn[0].worlds[0].transform_point3(p.as_dvec3());
+        (drawn[0].mesh.primitives[0].positions.iter().map(at).collect(), &drawn[0])
+    }
+
+    fn assert_near(found: &[DVec3], expected: [DVec3; 3], tolerance: f64) {
+        for (found, expected) in found.iter().zip(expected) {
+            assert!(found.abs_diff_eq(expected, tolerance), "{found} is not {expected}");
+        }
+    }
+
+    #[test]
+    fn joints_move_vertices_and_the_node_does_not() {
+        let far = 1e7;
+        let nodes = json!([{"mesh": 0, "skin": 0, "translation": [99, 99, 99]}, {"translation": [far, 0, 0]},
+            {"translation": [far, 0, 2], "scale": [1, 3, 1]}]);
+        for scale in [1.0, 4.0] {
+            let scene = scene_of(&skinned(nodes.clone(), scale));
+            assert_eq!(scene.warnings.iter().any(|warning| warning.code == "skin_weights"), scale != 1.0);
+            let drawn = scene.drawn(0).unwrap();
+            let (positions, drawn) = only(&drawn);
+            let third = DVec3::new(far, 0.5 * (1.0 + 3.0), 1.0);
+            assert_near(&positions, [DVec3::new(far, 0.0, 0.0), DVec3::new(far + 1.0, 0.0, 2.0), third], 1e-7);
+            // The third is moved by a shear: x, 2y, z + 1/2 of 2.
+            assert_eq!(drawn.mesh.primitives[0].normals.as_ref().unwrap()[2], Vec3::Z);
+        }
+    }
+
+    #[test]
+    fn normals_stay_upright_and_mirrored_skins_keep_their_front() {
+        let turn = DQuat::from_rotation_y(0.7).to_array();
+        let joint = json!({"rotation": turn, "scale": [0.2, 3, -5]});
+        let scene = scene_of(&skinned(json!([{"mesh": 0, "skin": 0}, joint, joint]), 1.0));
+        let drawn = scene.drawn(0).unwrap();
+        let (positions, drawn) = only(&drawn);
+        let primitive = &drawn.mesh.primitives[0];
+        let edges = [positions[1] - positions[0], positions[2] - positions[0]];
+        let normal = primitive.normals.as_ref().unwrap()[0].as_dvec3();
+        assert!(edges.iter().all(|edge| edge.dot(normal).abs() < 1e-6));
+        // Object +z is the front: it is where the joint's map sends it.
+        let map = DAffine3::from_scale_rotation_translation(DVec3::new(0.2, 3.0, -5.0), DQuat::from_array(turn), DVec3::ZERO);
+        assert!(normal.dot(map.transform_vector3(DVec3::Z)) > 0.0);
+        let [a, b, c] = primitive.triangles[0].map(|vertex| positions[vertex as usize]);
+        assert!((b - a).cross(c - a).dot(normal) > 0.0, "counter-clockwise about the normal");
+    }
+
+    /// A triangle whose third vertex a target lifts by 2, with a child that has a camera, both animated.
+    fn animated() -> Scene {
+        let mut builder = triangle(json!({"nodes": [{"mesh": 0, "children": [1]}, {"camera": 0}]}));
+        builder.json["cameras"] = json!([{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}]);
+        let lift = builder.accessor(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0], "VEC3");
+        let tilt = builder.accessor(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, -1.0], "VEC3");
+        builder.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": lift}, {"NORMAL": tilt}]);
+        let times = builder.accessor(&[1.0, 3.0], "SCALAR");
+        let weights = builder.accessor(&[0.0, 0.0, 1.0, 0.5], "SCALAR");
+        let s = FRAC_PI_2.sin() as f32 * std::f32::consts::FRAC_1_SQRT_2;
+        let turn = builder.accessor(&[0.0, 0.0, 0.0, 1.0, 0.0, s, 0.0, s], "VEC4");
+        let shift = builder.accessor(&[0.0, 0.0, 0.0, 0.0, 4.0, 0.0], "VEC3");
+        let sampler = |output| json!({"input": times, "output": output});
+        let channel = |sampler, node, path| json!({"sampler": sampler, "target": {"node": node, "path": path}});
+        builder.json["animations"] = json!([
+            {"name": "all", "samplers": [sampler(weights), sampler(turn)],
+                "channels": [channel(0, 0, "weights"), channel(1, 0, "rotation")]},
+            {"name": "camera", "samplers": [sampler(shift)], "channels": [channel(0, 1, "translation")]},
+        ]);
+        scene_of(&builder)
+    }
+
+    #[test]
+    fn a_scene_stands_as_its_animation_says() {
+        let scene = animated();
+        assert_eq!(scene.warnings.iter().map(|warning| warning.code).collect::<Vec<_>>(), [] as [&str; 0]);
+        assert_eq!(scene.animations.iter().map(|a| (a.span, a.moves_meshes)).collect::<Vec<_>>(), [([1.0, 3.0], true), ([1.0, 3.0], false)]);
+        let at = |animation, time| scene.at(Some(Moment { animation, time }));
+        let base = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        for rest in [scene.at(None), at(0, 0.5), at(1, 9.0)] {
+            assert_near(&only(&rest.drawn(0).unwrap()).0, base, 0.0);
+        }
+        // Half way: the weights are (1/2, 1/4), the node has turned by an eighth.
+        let half = at(0, 2.0);
+        let turn = DQuat::from_rotation_y(FRAC_PI_2 / 2.0);
+        let drawn = half.drawn(0).unwrap();
+        let (positions, moved) = only(&drawn);
+        assert_near(&positions, [DVec3::ZERO, turn * DVec3::X, turn * DVec3::new(0.0, 1.0, 1.0)], 1e-6);
+        let normal = DVec3::new(0.0, 0.25, 0.75).normalize().as_vec3();
+        assert!(moved.mesh.primitives[0].normals.as_ref().unwrap()[2].abs_diff_eq(normal, 1e-6));
+        let camera = at(1, 2.0).placed(0)[1].world.translation;
+        assert_eq!((camera, half.placed(0)[1].world.translation), (DVec3::new(0.0, 2.0, 0.0), DVec3::ZERO));
+    }
+}

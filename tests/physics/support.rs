@@ -8,7 +8,7 @@ use candela::render::prepare::{prepare, render_to_end};
 use candela::render::{NonFinite, Work};
 use candela::scene::{Material, Mesh, Node, Primitive, Scene, SceneRoot};
 use glam::{DAffine3, Vec3, Vec4};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
+use std::sync::{Arc, Arc, Mutex, MutexGuard, OnceLock};
 
 /// The engines of this test binary; tests take turns.
 pub fn engines() -> MutexGuard<'static, Engines> {
@@ -23,7 +23,7 @@ pub fn scene(parts: Vec<(Primitive, Material, DAffine3)>) -> Scene {
     for (index, (mut primitive, material, local)) in parts.into_iter().enumerate() {
         primitive.material = Some(index);
         scene.materials.push(material);
-        scene.meshes.push(Mesh { name: None, primitives: vec![primitive] });
+        Arc::make_mut(&mut scene.meshes).push(Mesh { name: None, primitives: vec![primitive] });
         scene.nodes.push(Node { mesh: Some(index), local, ..Node::default() });
         root.nodes.push(index);
     }

@@ -240,3 +240,69 @@ pub(super) fn find_moved_meshes(animations: &mut [Animation], nodes: &[Node], sk
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::scene::import::testing::{Builder, error_of, scene_of};
+    use crate::scene::{Path, Scene};
+    use serde_json::json;
+
+    fn animated(path: &str, interpolation: &str, kind: &str, times: &[f32], values: &[f32]) -> Builder {
+        let mut builder = Builder::triangle();
+        let (input, output) = (builder.accessor(times, "SCALAR"), builder.accessor(values, kind));
+        builder.json["animations"] = json!([{
+            "samplers": [{"input": input, "output": output, "interpolation": interpolation}],
+            "channels": [{"sampler": 0, "target": {"node": 0, "path": path}}]}]);
+        builder
+    }
+
+    fn codes(scene: &Scene) -> Vec<&str> {
+        scene.warnings.iter().map(|warning| warning.code).collect()
+    }
+
+    #[test]
+    fn channels_are_read() {
+        let unit = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
+        let scene = scene_of(&animated("rotation", "CUBICSPLINE", "VEC4", &[0.5], &unit));
+        let channel = &scene.animations[0].channels[0];
+        assert_eq!((channel.path, channel.node, channel.curve.width), (Path::Rotation, 0, 4));
+        assert!(codes(&scene).is_empty() && scene.moved.contains_key(&0));
+        assert!(scene_of(&animated("pointer", "LINEAR", "VEC2", &[0.0], &[0.0; 4])).animations[0].channels.is_empty());
+        let weights = scene_of(&animated("weights", "LINEAR", "SCALAR", &[0.0], &[0.0]));
+        assert_eq!((weights.animations[0].channels.len(), codes(&weights)), (0, vec!["channel_ignored"]));
+        let mut twice = animated("scale", "STEP", "VEC3", &[0.0], &[1.0; 3]);
+        let channel = twice.json["animations"][0]["channels"][0].clone();
+        twice.json["animations"][0]["channels"].as_array_mut().unwrap().push(channel);
+        twice.json["nodes"][0]["matrix"] = json!([2, 0, 0, 0, 0, 3, 0, 0, 0, 0, 4, 0, 5, 6, 7, 1]);
+        let scene = scene_of(&twice);
+        assert_eq!(codes(&scene), ["channel_repeated", "animated_matrix"]);
+        assert!(glam::DAffine3::from(scene.moved[&0]).abs_diff_eq(scene.nodes[0].local, 1e-12));
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let fault = |path, interpolation, kind, times: &[f32], values: &[f32]| {
+            let fault = error_of(&animated(path, interpolation, kind, times, values));
+            (fault.code, fault.pointer)
+        };
+        let at = |code, pointer: &str| (code, pointer.to_owned());
+        let sampler = "/animations/0/channels/0/sampler";
+        assert_eq!(fault("scale", "LINEAR", "VEC3", &[0.0, 1.0], &[1.0; 9]), at("accessor_count", sampler));
+        assert_eq!(fault("scale", "CUBICSPLINE", "VEC3", &[0.0], &[1.0; 3]), at("accessor_count", sampler));
+        assert_eq!(fault("scale", "STEP", "VEC4", &[0.0], &[1.0; 4]), at("accessor_type", sampler));
+        assert_eq!(
+            fault("scale", "CURVE", "VEC3", &[0.0], &[1.0; 3]),
+            at("animation", "/animations/0/samplers/0/interpolation")
+        );
+        for times in [[1.0, 1.0], [2.0, 1.0]] {
+            assert_eq!(fault("scale", "LINEAR", "VEC3", &times, &[1.0; 6]), at("animation_times", "/accessors/1"));
+        }
+        assert_eq!(fault("scale", "LINEAR", "VEC3", &[0.0, f32::NAN], &[1.0; 6]), at("not_finite", "/accessors/1"));
+        assert_eq!(fault("scale", "LINEAR", "VEC3", &[0.0], &[1.0, f32::INFINITY, 1.0]), at("not_finite", sampler));
+        assert_eq!(fault("rotation", "LINEAR", "VEC4", &[0.0], &[0.0; 4]), at("rotation", sampler));
+        assert_eq!(fault("scale", "LINEAR", "VEC3", &[], &[]), at("animation_times", sampler));
+        let mut huge = animated("scale", "LINEAR", "VEC3", &[0.0], &[1.0; 3]);
+        huge.json["accessors"][1] = json!({"componentType": 5126, "type": "SCALAR", "count": 4_000_000_000_u32});
+        assert_eq!(error_of(&huge).code, "decoded_bytes");
+    }
+}

@@ -16,6 +16,7 @@ enum Support {
 use Support::{Harmless, Honoured, Lost};
 
 const TABLE: &[(&str, Support)] = &[
+    ("EXT_mesh_gpu_instancing", Honoured),
     ("EXT_texture_webp", Honoured),
     ("KHR_lights_punctual", Honoured),
     ("KHR_materials_anisotropy", Honoured),
@@ -38,7 +39,6 @@ const TABLE: &[(&str, Support)] = &[
     ("KHR_xmp_json_ld", Harmless("metadata is not read")),
     ("EXT_lights_ies", Lost("lights shine without their measured profile")),
     ("EXT_lights_image_based", Lost("the file's own environment light is left out; give one in `environment`")),
-    ("EXT_mesh_gpu_instancing", Lost("instanced nodes are drawn once, not at each of their instances")),
     ("EXT_mesh_manifold", Lost("the manifold topology is not read; the triangles are drawn as stored")),
     ("EXT_meshopt_compression", Lost("compressed buffers are not decoded; the uncompressed fallback is drawn")),
     ("EXT_texture_avif", Lost("AVIF images are not read; the fallback image is used, or none")),

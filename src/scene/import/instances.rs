@@ -84,3 +84,53 @@ fn check_format(name: &str, accessor: &Accessor<'_>, place: &str) -> Result<(), 
     }
     Err(SceneError::invalid("accessor_type", place, format!("{format} is not allowed for {name} of {NAME}")))
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::scene::describe;
+    use crate::scene::import::testing::{Builder, error_of, scene_of};
+    use glam::DVec3;
+    use serde_json::json;
+
+    fn instanced() -> Builder {
+        let mut builder = Builder::triangle();
+        let places = builder.accessor(&[0.0, 0.0, 0.0, 5.0, 0.0, 0.0], "VEC3");
+        let scales = builder.accessor(&[1.0, 1.0, 1.0, 2.0, 2.0, -2.0], "VEC3");
+        let attributes = json!({"TRANSLATION": places, "SCALE": scales});
+        builder.json["nodes"][0]["translation"] = json!([0, 1, 0]);
+        builder.json["nodes"][0]["extensions"] = json!({"EXT_mesh_gpu_instancing": {"attributes": attributes}});
+        builder.json["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
+        builder
+    }
+
+    #[test]
+    fn a_mesh_is_drawn_at_each_place() {
+        let scene = scene_of(&instanced());
+        let drawn = scene.drawn(0).unwrap();
+        assert_eq!(drawn[0].worlds.len(), 2);
+        assert_eq!(drawn[0].worlds[1].transform_point3(DVec3::X), DVec3::new(7.0, 1.0, 0.0));
+        let description = describe(&scene);
+        assert_eq!((description.counts.instanced_triangles, description.bounds.unwrap().max), (2, [7.0, 3.0, 0.0]));
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let fault = |name: &str, kind: &str, values: &[f32]| {
+            let mut builder = instanced();
+            let accessor = builder.accessor(values, kind);
+            builder.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"][name] = json!(accessor);
+            let fault = error_of(&builder);
+            (fault.code, fault.pointer.rsplit('/').next().unwrap_or_default().to_owned())
+        };
+        assert_eq!(fault("ROTATION", "VEC4", &[0.0; 8]), ("rotation", "ROTATION".into()));
+        assert_eq!(fault("ROTATION", "VEC3", &[0.0; 6]), ("accessor_type", "ROTATION".into()));
+        assert_eq!(fault("TRANSLATION", "VEC3", &[f32::NAN; 6]), ("not_finite", "TRANSLATION".into()));
+        assert_eq!(fault("_ID", "SCALAR", &[0.0; 3]).0, "accessor_count");
+        let mut huge = instanced();
+        for accessor in [1, 2] {
+            huge.json["accessors"][accessor]["count"] = json!(3_000_000_000_u32);
+            huge.json["accessors"][accessor].as_object_mut().unwrap().remove("bufferView");
+        }
+        assert_eq!(error_of(&huge).code, "decoded_bytes");
+    }
+}
