@@ -2,7 +2,7 @@
 
 use super::atlas::{self, Place};
 use super::{TexturePages, TextureSlot};
-use crate::scene::{Scene, SceneError, SceneErrorKind, TextureRef, Wrap};
+use crate::scene::{Scene, SceneError, SceneErrorKind, TextureRef, Wrap, ktx2};
 use image::{ImageReader, Limits};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -149,8 +149,12 @@ fn reader(scene: &Scene, image: usize) -> Result<ImageReader<Cursor<&[u8]>>, Sce
 }
 
 fn size(scene: &Scene, image: usize) -> Result<(u32, u32), SceneError> {
-    let pointer = &scene.images[image].pointer;
-    let (width, height) = reader(scene, image)?.into_dimensions().map_err(|error| undecodable(pointer, &error))?;
+    let (bytes, pointer) = (&scene.images[image].bytes, &scene.images[image].pointer);
+    let (width, height) = if ktx2::is_ktx2(bytes) {
+        ktx2::size(bytes).map_err(|why| unreadable(pointer, &why))?
+    } else {
+        reader(scene, image)?.into_dimensions().map_err(|error| undecodable(pointer, &error))?
+    };
     if width == 0 || height == 0 {
         return Err(fault(SceneErrorKind::Invalid, pointer, "the image has no texels"));
     }
@@ -162,7 +166,11 @@ fn size(scene: &Scene, image: usize) -> Result<(u32, u32), SceneError> {
 }
 
 fn pixels(scene: &Scene, image: usize) -> Result<Vec<u8>, SceneError> {
-    let decoded = reader(scene, image)?.decode().map_err(|error| undecodable(&scene.images[image].pointer, &error))?;
+    let (bytes, pointer) = (&scene.images[image].bytes, &scene.images[image].pointer);
+    if ktx2::is_ktx2(bytes) {
+        return ktx2::decode(bytes).map_err(|why| unreadable(pointer, &why));
+    }
+    let decoded = reader(scene, image)?.decode().map_err(|error| undecodable(pointer, &error))?;
     Ok(decoded.into_rgba8().into_raw())
 }
 
@@ -189,6 +197,11 @@ fn undecodable(pointer: &str, error: &image::ImageError) -> SceneError {
         _ => SceneErrorKind::Malformed,
     };
     fault(kind, pointer, &format!("the image cannot be decoded: {error}; export it again as PNG, JPEG or WebP"))
+}
+
+/// A fault of a KTX2 file.
+fn unreadable(pointer: &str, why: &str) -> SceneError {
+    fault(SceneErrorKind::Malformed, pointer, &format!("the image cannot be decoded: {why}; export it again"))
 }
 
 fn fault(kind: SceneErrorKind, pointer: &str, detail: &str) -> SceneError {

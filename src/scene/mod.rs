@@ -12,6 +12,7 @@ mod drawn;
 mod error;
 mod extended;
 mod import;
+pub mod ktx2;
 mod limits;
 mod package;
 

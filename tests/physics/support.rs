@@ -8,7 +8,7 @@ use candela::render::prepare::{prepare, render_to_end};
 use candela::render::{NonFinite, Work};
 use candela::scene::{Material, Mesh, Node, Primitive, Scene, SceneRoot};
 use glam::{DAffine3, Vec3, Vec4};
-use std::sync::{Arc, Arc, Mutex, MutexGuard, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
 /// The engines of this test binary; tests take turns.
 pub fn engines() -> MutexGuard<'static, Engines> {

@@ -97,7 +97,9 @@ pub(super) fn open<'a>(data: &'a Data<'_>, index: usize) -> Result<Accessor<'a>,
         SceneError::invalid("accessor_out_of_bounds", format!("{pointer}/count"), detail)
     })?;
     let mut accessor = Accessor { pointer, format, count, base: None, stride: format.size() as usize, sparse: None };
-    if let Some(view) = source.buffer_view {
+    if let Some(elements) = data.decoded(index) {
+        accessor.base = Some(elements);
+    } else if let Some(view) = source.buffer_view {
         accessor.place(data, view, source.byte_offset)?;
     }
     if let Some(sparse) = &source.sparse {

@@ -14,6 +14,11 @@ impl Budget {
         Self { left: limits.decoded(file_bytes), ratio: limits.decoded_ratio }
     }
 
+    /// Bytes that may be decoded yet.
+    pub(super) fn left(&self) -> u64 {
+        self.left
+    }
+
     /// Takes `bytes` for the `count` elements at `pointer`, before they are allocated.
     pub(super) fn charge(&mut self, bytes: u64, count: usize, pointer: &str) -> Result<(), SceneError> {
         self.left = self.left.checked_sub(bytes).ok_or_else(|| {
