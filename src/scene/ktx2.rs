@@ -53,7 +53,7 @@ pub fn decode(bytes: &[u8]) -> Result<Vec<u8>, String> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(in crate::scene) mod tests {
     use super::*;
 
     /// A picture of 8 x 4 texels: two blocks of one colour each (UASTC's mode 8), packed by nothing.

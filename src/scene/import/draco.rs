@@ -123,3 +123,96 @@ impl Stream<'_> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::scene::import::testing::{Builder, error_of, scene_of};
+    use draco_core::geometry_attribute::{GeometryAttributeType, PointAttribute};
+    use draco_core::{DataType, EncoderBuffer, EncoderOptions, Mesh, MeshEncoder, PointIndex};
+    use glam::Vec3;
+    use serde_json::json;
+
+    const POSITIONS: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.5];
+
+    fn stream() -> Vec<u8> {
+        let mut mesh = Mesh::new();
+        let mut positions = PointAttribute::new();
+        positions.init(GeometryAttributeType::Position, 3, DataType::Float32, false, 4);
+        positions.buffer_mut().update_f32s_le(0, &POSITIONS);
+        mesh.set_num_points(4);
+        mesh.add_attribute(positions);
+        for face in [[0, 1, 2], [2, 1, 3]] {
+            mesh.add_face(face.map(PointIndex));
+        }
+        let (mut encoder, mut buffer, mut options) =
+            (MeshEncoder::new(), EncoderBuffer::new(), EncoderOptions::default());
+        options.set_attribute_int(0, "quantization_bits", 14);
+        encoder.set_mesh(mesh);
+        encoder.encode(&options, &mut buffer).unwrap();
+        buffer.data().to_vec()
+    }
+
+    /// A square in a Draco stream.
+    fn packed() -> Builder {
+        let mut builder = Builder::default();
+        let view = builder.view(&stream());
+        builder.json["accessors"] = json!([
+            {"componentType": 5126, "type": "VEC3", "count": 4}, {"componentType": 5121, "type": "SCALAR", "count": 6},
+        ]);
+        builder.json["extensionsRequired"] = json!([super::NAME]);
+        let extension = json!({"bufferView": view, "attributes": {"POSITION": 0}});
+        builder.show(&json!([{"attributes": {"POSITION": 0}, "indices": 1, "extensions": {super::NAME: extension}}]));
+        builder
+    }
+
+    #[test]
+    fn streams_fill_their_accessors() {
+        let scene = scene_of(&packed());
+        let primitive = &scene.meshes[0].primitives[0];
+        let mut sorted: Vec<Vec3> = primitive.positions.clone();
+        sorted.sort_by(|a, b| a.to_array().partial_cmp(&b.to_array()).unwrap());
+        for (found, expected) in sorted.iter().zip([Vec3::ZERO, Vec3::Y, Vec3::X, Vec3::new(1.0, 1.0, 0.5)]) {
+            assert!(found.abs_diff_eq(expected, 1e-4), "{found}");
+        }
+        for triangle in &primitive.triangles {
+            let [a, b, c] = triangle.map(|vertex| primitive.positions[vertex as usize]);
+            assert!((b - a).cross(c - a).z > 0.0);
+        }
+        assert_eq!((primitive.triangles.len(), scene.warnings.len()), (2, 0));
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let place = format!("/meshes/0/primitives/0/extensions/{}", super::NAME);
+        let fault = |edit: &dyn Fn(&mut Builder)| {
+            let mut builder = packed();
+            edit(&mut builder);
+            let fault = error_of(&builder);
+            (fault.code, fault.pointer)
+        };
+        let draco = ("draco", place.clone());
+        let extension = |builder: &mut Builder, field: &str, value| {
+            builder.json["meshes"][0]["primitives"][0]["extensions"][super::NAME][field] = value;
+        };
+        assert_eq!(fault(&|b| b.json["accessors"][0]["count"] = json!(5)), draco);
+        assert_eq!(fault(&|b| b.json["accessors"][1]["count"] = json!(3)), draco);
+        assert_eq!(fault(&|b| b.json["accessors"][0]["type"] = json!("VEC2")), draco);
+        assert_eq!(fault(&|b| extension(b, "attributes", json!({"POSITION": 9}))), draco);
+        assert_eq!(fault(&|b| extension(b, "attributes", json!({"NORMAL": 0}))), draco);
+        assert_eq!(fault(&|b| b.json["meshes"][0]["primitives"][0]["mode"] = json!(5)), draco);
+        assert_eq!(fault(&|b| extension(b, "bufferView", json!(3))).0, "reference");
+        assert_eq!(fault(&|b| b.json["bufferViews"][0]["byteLength"] = json!(20)), draco);
+    }
+
+    #[test]
+    fn broken_streams_never_panic() {
+        let good = packed();
+        for at in 0..good.clone().bin_mut().len() {
+            for value in [0, 0x55, 0xff] {
+                let mut broken = good.clone();
+                broken.bin_mut()[at] = value;
+                let _ = crate::scene::import(&broken.package(), &crate::scene::Limits::default());
+            }
+        }
+    }
+}

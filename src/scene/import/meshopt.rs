@@ -119,7 +119,7 @@ fn filter(
 mod tests {
     use crate::scene::import::testing::{Builder, error_of, scene_of};
     use meshoptimizer_rs::Workspace;
-    use meshoptimizer_rs::codec::{encode_index_buffer, encode_vertex_buffer};
+    use meshoptimizer_rs::codec::{IndexEncoding, VertexEncoding, encode_index_buffer, encode_vertex_buffer};
     use serde_json::{Value, json};
 
     const POSITIONS: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.5];
@@ -128,8 +128,9 @@ mod tests {
     fn packed(name: &str) -> Builder {
         let mut workspace = Workspace::default();
         let bytes: Vec<u8> = POSITIONS.iter().flat_map(|x| x.to_le_bytes()).collect();
-        let vertices = encode_vertex_buffer(&bytes, 4, 12, &mut workspace).unwrap();
-        let indices = encode_index_buffer(&[0, 1, 2, 2, 1, 3], 4, &mut workspace).unwrap();
+        let version = VertexEncoding::new(u8::from(name.starts_with("KHR")), 2).unwrap();
+        let vertices = encode_vertex_buffer(&bytes, 4, 12, version, &mut workspace).unwrap();
+        let indices = encode_index_buffer(&[0, 1, 2, 2, 1, 3], IndexEncoding::DEFAULT, &mut workspace).unwrap();
         let mut builder = Builder::default();
         for (stream, count, stride, mode) in [(vertices, 4, 12, "ATTRIBUTES"), (indices, 6, 2, "TRIANGLES")] {
             let view = builder.view(&stream);

@@ -205,6 +205,15 @@ mod tests {
     }
 
     #[test]
+    fn ktx2_textures_win_over_all_others() {
+        let others = json!({"EXT_texture_webp": {"source": 0}, "KHR_texture_basisu": {"source": 1}});
+        let textures = json!([{"source": 0, "extensions": others}]);
+        let file = crate::scene::ktx2::tests::two_colors([[9; 4]; 2]);
+        let scene = scene_of(&textured(textures, json!([{"uri": "data:,x"}, {"uri": data_uri(&file)}])));
+        assert_eq!((scene.textures[0].image, scene.images[1].bytes.as_ref()), (1, file.as_slice()));
+    }
+
+    #[test]
     fn bad_images_are_refused() {
         let fault = |image: Value| {
             let fault = error_of(&textured(json!([{"source": 0}]), json!([image])));
