@@ -55,6 +55,7 @@ pub fn decode(bytes: &[u8]) -> Result<Vec<u8>, String> {
 #[cfg(test)]
 pub(in crate::scene) mod tests {
     use super::*;
+    use base64::Engine;
 
     /// A picture of 8 x 4 texels: two blocks of one colour each (UASTC's mode 8), packed by nothing.
     pub(in crate::scene) fn two_colors(colors: [[u8; 4]; 2]) -> Vec<u8> {
@@ -91,6 +92,39 @@ pub(in crate::scene) mod tests {
         let texels = decode(&file).unwrap();
         for (index, texel) in texels.chunks_exact(4).enumerate() {
             assert_eq!(texel, colors[index % 8 / 4], "texel {index}");
+        }
+    }
+
+    /// 8 x 8 texels, the left half opaque (200, 40, 40), the right half (30, 60, 220) with alpha 128: ETC1S in BasisLZ.
+    const ETC1S: &str = "q0tUWCAyMLsNChoKAAAAAAEAAAAIAAAACAAAAAAAAAAAAAAAAQAAAAEAAAABAAAAaAAAADwAAACkAAAAJAAAAMgAAAAAAAAAkwAA\
+        AAAAAABbAQAAAAAAAAMAAAAAAAAAAAAAAAAAAAA8AAAAAAAAAAIAOACjAQIAAwMAAAgIAAAAAAAAAAA/AAAAAAAAAAAA/////0AA\
+        Pw8AAAAAAAAAAP////8fAAAAS1RYd3JpdGVyAEJhc2lzIFVuaXZlcnNhbCAyLjEwAAAEAAMAMQAAAA0AAAAtAAAAAAAAAAAAAAAA\
+        AAAAAgAAAAIAAAABAAAAHsCUAAAAAAAAckIFAkwEAAAAAAAgCw54AFMCAAAAAEBQM/BBBCACQAAAAABEFR/mBFRVVVUFAAAAqKqq\
+        qgJgwEQAAAAAAACSigCYABAAAAAAQJQIiBAgAAAACKKu6BMFgAkAAQAAAABEIADuESQ=";
+
+    /// The same: UASTC in zstd.
+    const UASTC_ZSTD: &str = "q0tUWCAyMLsNChoKAAAAAAEAAAAIAAAACAAAAAAAAAAAAAAAAQAAAAEAAAACAAAAaAAAACwAAACUAAAAJAAAAAAAAAAAAAAAAAAA\
+        AAAAAAC4AAAAAAAAACQAAAAAAAAAQAAAAAAAAAAsAAAAAAAAAAIAKACmAQIAAwMAABAAAAAAAAAAAAB/AwAAAAAAAAAA/////x8A\
+        AABLVFh3cml0ZXIAQmFzaXMgVW5pdmVyc2FsIDIuMTAAACi1L/0gQN0AAIgXGQXlP8jGANeDhxtwHEcDAAMAQ2EA3HkBFw==";
+
+    #[test]
+    fn packed_files_are_unpacked() {
+        for (name, text) in [("ETC1S", ETC1S), ("UASTC", UASTC_ZSTD)] {
+            let file = base64::engine::general_purpose::STANDARD.decode(text).unwrap();
+            assert_eq!(size(&file), Ok((8, 8)));
+            for (index, texel) in decode(&file).unwrap().chunks_exact(4).enumerate() {
+                let expected = if index % 8 < 4 { [200, 40, 40, 255] } else { [30, 60, 220, 128] };
+                for (found, expected) in texel.iter().zip(expected) {
+                    assert!((i32::from(*found) - expected).abs() <= 8, "{name}, texel {index}: {texel:?}");
+                }
+            }
+            for at in 12..file.len() {
+                for value in [0, 0x5a, 0xff] {
+                    let mut file = file.clone();
+                    file[at] = value;
+                    let _ = decode(&file);
+                }
+            }
         }
     }
 

@@ -3,6 +3,7 @@
 #[macro_use]
 mod support;
 
+mod asset_generator;
 mod closed_form;
 mod direct;
 mod invariance;
