@@ -110,8 +110,8 @@ fn load(scene: &str, params: &RenderParams) -> Result<(Prepared, Stages), Failur
     let begun = Instant::now();
     let moment = compile::moment(&imported, params).map_err(|e| faulty(e.to_string()))?;
     let posed = imported.at(moment);
-    let compiled = compile::compile_variant(&posed, params.scene, params.variant.as_deref())
-        .map_err(|e| faulty(e.to_string()))?;
+    let compiled =
+        compile::compile_variant(&posed, params.scene, params.variant.as_deref()).map_err(|e| faulty(e.to_string()))?;
     let prepared = prepare(&posed, Arc::new(compiled), params, hdri).map_err(|e| faulty(e.to_string()))?;
     stages.compile = seconds(begun);
     Ok((prepared, stages))

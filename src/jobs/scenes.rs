@@ -131,7 +131,8 @@ impl Stored for StoredScene {
     }
 
     fn bytes(&self) -> u64 {
-        let compiled = self.compiled().slots.values().filter_map(ready).map(|scene| compiled_bytes(&scene)).sum::<u64>();
+        let compiled =
+            self.compiled().slots.values().filter_map(ready).map(|scene| compiled_bytes(&scene)).sum::<u64>();
         self.scene_bytes + compiled
     }
 }
@@ -204,6 +205,29 @@ pub fn compiled_bytes(scene: &CompiledScene) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{Animation, SceneRoot};
+
+    #[test]
+    fn what_moves_no_mesh_is_compiled_once_and_few_moments_are_kept() {
+        let animations = Arc::new(vec![
+            Animation { name: Some("walk".into()), moves_meshes: true, ..Animation::default() },
+            Animation::default(),
+        ]);
+        let scene = Scene { animations, scenes: vec![SceneRoot::default()], ..Scene::default() };
+        let stored = StoredScene::new("x".into(), scene, 0);
+        let params = |json: &str| crate::params::from_json(json).unwrap();
+        let compiled = |json: &str| stored.compile(&params(json)).unwrap().1;
+        let rest = compiled("{}");
+        assert!(Arc::ptr_eq(&rest, &compiled(r#"{"animation": 1, "time": 3}"#)), "it moves no mesh");
+        assert!(!Arc::ptr_eq(&rest, &compiled(r#"{"time": 0}"#)));
+        assert!(Arc::ptr_eq(&compiled(r#"{"time": 2}"#), &compiled(r#"{"animation": "walk", "time": 2}"#)));
+        for time in 0..100 {
+            compiled(&format!(r#"{{"time": {time}}}"#));
+        }
+        assert_eq!(stored.compiled().slots.len(), 1 + MAX_MOMENTS);
+        assert!(stored.is_compiled(&params(r#"{"time": 99}"#)) && !stored.is_compiled(&params(r#"{"time": 2}"#)));
+        assert!(stored.compile(&params(r#"{"animation": "run"}"#)).is_err());
+    }
 
     #[test]
     fn the_id_is_the_hash() {

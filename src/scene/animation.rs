@@ -79,7 +79,11 @@ pub struct Curve {
 enum Place {
     At(usize),
     /// After a key, by a part of the seconds to the next one.
-    Between { key: usize, part: f64, seconds: f64 },
+    Between {
+        key: usize,
+        part: f64,
+        seconds: f64,
+    },
 }
 
 impl Curve {
@@ -125,12 +129,8 @@ impl Curve {
     /// Appendix C.5: the cubic through both values with the tangents, which are per second.
     fn hermite(&self, key: usize, t: f64, seconds: f64) -> Vec<f64> {
         let (t2, t3) = (t * t, t * t * t);
-        let factors = [
-            2.0 * t3 - 3.0 * t2 + 1.0,
-            seconds * (t3 - 2.0 * t2 + t),
-            -2.0 * t3 + 3.0 * t2,
-            seconds * (t3 - t2),
-        ];
+        let factors =
+            [2.0 * t3 - 3.0 * t2 + 1.0, seconds * (t3 - 2.0 * t2 + t), -2.0 * t3 + 3.0 * t2, seconds * (t3 - t2)];
         let ends = [self.numbers(key, 1), self.numbers(key, 2), self.numbers(key + 1, 1), self.numbers(key + 1, 0)];
         let number = |end: &[f32], i: usize| end.get(i).map_or(0.0, |number| f64::from(*number));
         let at = |i| factors.iter().zip(ends).map(|(factor, end)| factor * number(end, i)).sum();
@@ -246,7 +246,8 @@ mod tests {
     fn rotations_take_the_shorter_arc_at_even_speed() {
         let quarter = DQuat::from_rotation_y(FRAC_PI_2).as_quat().to_array();
         for sign in [1.0, -1.0] {
-            let values = [0.0, 0.0, 0.0, 1.0, quarter[0] * sign, quarter[1] * sign, quarter[2] * sign, quarter[3] * sign];
+            let values =
+                [0.0, 0.0, 0.0, 1.0, quarter[0] * sign, quarter[1] * sign, quarter[2] * sign, quarter[3] * sign];
             let curve = curve(&[0.0, 3.0], &values, 4, Interpolation::Linear);
             for part in [0.25, 0.5, 0.9] {
                 let expected = DQuat::from_rotation_y(FRAC_PI_2 * part);

@@ -39,9 +39,9 @@ pub struct Target {
 
 impl Mesh {
     fn all(&self) -> impl Iterator<Item = &Primitive> {
-        self.primitives.iter().flat_map(|primitive| {
-            primitive.alternatives.iter().map(|(_, other)| other).chain([primitive])
-        })
+        self.primitives
+            .iter()
+            .flat_map(|primitive| primitive.alternatives.iter().map(|(_, other)| other).chain([primitive]))
     }
 
     /// Whether joints move any of it.
@@ -51,8 +51,9 @@ impl Mesh {
 
     /// Whether morph targets with these weights move any of it.
     pub fn is_morphed(&self, weights: &[f64]) -> bool {
-        let moves = |(target, weight): (&Target, &f64)| *weight != 0.0 && !target.positions.is_empty()
-            || *weight != 0.0 && !target.normals.is_empty();
+        let moves = |(target, weight): (&Target, &f64)| {
+            *weight != 0.0 && !target.positions.is_empty() || *weight != 0.0 && !target.normals.is_empty()
+        };
         self.all().any(|primitive| primitive.targets.iter().zip(weights).any(moves))
     }
 }
@@ -100,7 +101,8 @@ pub(super) fn skinned(mesh: &Mesh, weights: &[f64], joints: &Joints) -> Option<(
     let moved = each(mesh, &|primitive| {
         Moved::new(primitive, weights, &|vertex| joints.map(primitive.influences.as_ref(), vertex))
     });
-    let points = moved.iter().flat_map(|(moved, others)| others.iter().chain([moved])).flat_map(|moved| &moved.positions);
+    let points =
+        moved.iter().flat_map(|(moved, others)| others.iter().chain([moved])).flat_map(|moved| &moved.positions);
     let (min, max) = points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), p| (min.min(*p), max.max(*p)));
     let centre = if min.cmple(max).all() { (min + max) * 0.5 } else { DVec3::ZERO };
     Some((store(mesh, moved, centre)?, DAffine3::from_translation(centre)))
@@ -119,7 +121,8 @@ fn each(mesh: &Mesh, moved: &(dyn Fn(&Primitive) -> Moved + Sync)) -> Vec<Family
 fn store(mesh: &Mesh, moved: Vec<Family>, centre: DVec3) -> Option<Mesh> {
     let primitives = mesh.primitives.iter().zip(moved).map(|(primitive, (moved, others))| {
         let others = primitive.alternatives.iter().zip(others);
-        let alternatives = others.map(|((variants, other), moved)| Some((variants.clone(), moved.store(other, centre)?)));
+        let alternatives =
+            others.map(|((variants, other), moved)| Some((variants.clone(), moved.store(other, centre)?)));
         Some(Primitive { alternatives: alternatives.collect::<Option<_>>()?, ..moved.store(primitive, centre)? })
     });
     Some(Mesh { name: mesh.name.clone(), primitives: primitives.collect::<Option<_>>()? })
@@ -167,7 +170,8 @@ impl Moved {
 
     fn store(self, source: &Primitive, centre: DVec3) -> Option<Primitive> {
         let positions: Vec<Vec3> = self.positions.iter().map(|position| (*position - centre).as_vec3()).collect();
-        let turned = |triangle: &[u32; 3]| if self.mirrored { [triangle[0], triangle[2], triangle[1]] } else { *triangle };
+        let turned =
+            |triangle: &[u32; 3]| if self.mirrored { [triangle[0], triangle[2], triangle[1]] } else { *triangle };
         positions.iter().all(|position| position.is_finite()).then(|| Primitive {
             positions,
             normals: self.normals,

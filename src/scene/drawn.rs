@@ -88,9 +88,9 @@ impl Scene {
                 rigid.entry(at).or_default().append(&mut copies(node, &placed.world));
             }
         }
-        let rigid = rigid.into_iter().filter_map(|(at, worlds)| {
-            self.meshes.get(at).map(|mesh| Drawn { mesh: Cow::Borrowed(mesh), worlds })
-        });
+        let rigid = rigid
+            .into_iter()
+            .filter_map(|(at, worlds)| self.meshes.get(at).map(|mesh| Drawn { mesh: Cow::Borrowed(mesh), worlds }));
         Ok(rigid.chain(moved).collect())
     }
 }
@@ -183,7 +183,8 @@ mod tests {
         let normal = primitive.normals.as_ref().unwrap()[0].as_dvec3();
         assert!(edges.iter().all(|edge| edge.dot(normal).abs() < 1e-6));
         // Object +z is the front: it is where the joint's map sends it.
-        let map = DAffine3::from_scale_rotation_translation(DVec3::new(0.2, 3.0, -5.0), DQuat::from_array(turn), DVec3::ZERO);
+        let map =
+            DAffine3::from_scale_rotation_translation(DVec3::new(0.2, 3.0, -5.0), DQuat::from_array(turn), DVec3::ZERO);
         assert!(normal.dot(map.transform_vector3(DVec3::Z)) > 0.0);
         let [a, b, c] = primitive.triangles[0].map(|vertex| positions[vertex as usize]);
         assert!((b - a).cross(c - a).dot(normal) > 0.0, "counter-clockwise about the normal");
@@ -215,7 +216,10 @@ mod tests {
     fn a_scene_stands_as_its_animation_says() {
         let scene = animated();
         assert_eq!(scene.warnings.iter().map(|warning| warning.code).collect::<Vec<_>>(), [] as [&str; 0]);
-        assert_eq!(scene.animations.iter().map(|a| (a.span, a.moves_meshes)).collect::<Vec<_>>(), [([1.0, 3.0], true), ([1.0, 3.0], false)]);
+        assert_eq!(
+            scene.animations.iter().map(|a| (a.span, a.moves_meshes)).collect::<Vec<_>>(),
+            [([1.0, 3.0], true), ([1.0, 3.0], false)]
+        );
         let at = |animation, time| scene.at(Some(Moment { animation, time }));
         let base = [DVec3::ZERO, DVec3::X, DVec3::Y];
         for rest in [scene.at(None), at(0, 0.5), at(1, 9.0)] {

@@ -30,7 +30,9 @@ pub fn size(bytes: &[u8]) -> Result<(u32, u32), String> {
     let most = u64::from(width.div_ceil(4)) * u64::from(height.div_ceil(4)) * BLOCK_BYTES;
     // BasisLZ (1) unpacks to what the size says; of the others the file says how much it is.
     if packing > 1 && unpacked > most {
-        return Err(format!("its first level is said to unpack to {unpacked} bytes, but its size needs at most {most}"));
+        return Err(format!(
+            "its first level is said to unpack to {unpacked} bytes, but its size needs at most {most}"
+        ));
     }
     Ok((width, height))
 }
@@ -73,11 +75,8 @@ pub(in crate::scene) mod tests {
         file.resize(160, 0);
         for [r, g, b, a] in colors {
             // Mode 8: five bits (10111 from the left of a code read from the low end), then the colour.
-            let bits = 0b10111_u128
-                | u128::from(r) << 5
-                | u128::from(g) << 13
-                | u128::from(b) << 21
-                | u128::from(a) << 29;
+            let bits =
+                0b10111_u128 | u128::from(r) << 5 | u128::from(g) << 13 | u128::from(b) << 21 | u128::from(a) << 29;
             file.extend(bits.to_le_bytes());
         }
         file

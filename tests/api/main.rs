@@ -11,6 +11,7 @@ mod events;
 mod faults;
 mod hostile;
 mod jobs;
+mod motion;
 mod pages;
 mod preview;
 mod queue;

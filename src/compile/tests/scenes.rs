@@ -210,7 +210,8 @@ fn alpha_is_tested_only_where_it_matters() {
     assert!(with(0.4, AlphaMode::Mask { cutoff: 0.5 }).triangles.is_empty());
     assert!(with(0.0, AlphaMode::Blend).triangles.is_empty());
     let mut colored = triangle_with(scene::Material { alpha_mode: AlphaMode::Blend, ..Default::default() });
-    Arc::make_mut(&mut colored.meshes)[0].primitives[0].colors = Some(vec![Vec4::ONE, Vec4::ONE, Vec4::new(1.0, 1.0, 1.0, 0.9)]);
+    Arc::make_mut(&mut colored.meshes)[0].primitives[0].colors =
+        Some(vec![Vec4::ONE, Vec4::ONE, Vec4::new(1.0, 1.0, 1.0, 0.9)]);
     assert!(tested(&compiled(&colored)));
 }
 

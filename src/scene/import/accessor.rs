@@ -224,7 +224,9 @@ impl<'a> Accessor<'a> {
         let size = self.format.component.size() as usize;
         let decode = |bytes: &[u8]| {
             let mut element = [fill; N];
-            for (value, number) in element.iter_mut().zip(bytes.chunks_exact(size).take(self.format.rows * self.format.columns)) {
+            for (value, number) in
+                element.iter_mut().zip(bytes.chunks_exact(size).take(self.format.rows * self.format.columns))
+            {
                 *value = convert(number);
             }
             element

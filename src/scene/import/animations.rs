@@ -198,7 +198,8 @@ pub(super) fn moved(
     for index in indices {
         let (Some(source), Some(node)) = (root.nodes.get(index), nodes.get(index)) else { continue };
         let parts = if source.matrix.is_some() {
-            let detail = "animations move a node's translation, rotation and scale, but it has a `matrix`, which is taken apart";
+            let detail =
+                "animations move a node's translation, rotation and scale, but it has a `matrix`, which is taken apart";
             warnings.add("animated_matrix", format!("/nodes/{index}/matrix"), detail);
             taken_apart(&node.local)
         } else {

@@ -39,7 +39,9 @@ struct Stream<'a> {
 impl Stream<'_> {
     fn decode(&self, limits: &Limits, budget: &mut Budget, decoded: &mut Decoded) -> Result<(), SceneError> {
         if self.primitive.mode != 4 {
-            return Err(self.fault(&format!("mode {} with Draco is not supported; export triangles (4)", self.primitive.mode)));
+            return Err(
+                self.fault(&format!("mode {} with Draco is not supported; export triangles (4)", self.primitive.mode))
+            );
         }
         let bytes = self.data.view(self.source.buffer_view)?;
         let limits = DecodeLimits::default()

@@ -109,8 +109,7 @@ mod tests {
     #[test]
     fn only_a_required_and_unsupported_extension_is_refused() {
         let mut warnings = Warnings::default();
-        let error =
-            check(&root(&[], &["KHR_materials_unlit", "MSFT_lod"]), &mut warnings).unwrap_err();
+        let error = check(&root(&[], &["KHR_materials_unlit", "MSFT_lod"]), &mut warnings).unwrap_err();
         assert_eq!(error.pointer, "/extensionsRequired/1");
         assert!(error.detail.contains("MSFT_lod"));
         let uses =

@@ -51,13 +51,16 @@ pub(super) fn read(
     let rotations = attribute("ROTATION", budget)?;
     let scales = attribute("SCALE", budget)?;
     let vector = |list: &Option<Vec<[f32; 4]>>, instance: usize, default: DVec3| {
-        list.as_ref().and_then(|list| list.get(instance)).map_or(default, |&[x, y, z, _]| DVec3::new(x.into(), y.into(), z.into()))
+        list.as_ref()
+            .and_then(|list| list.get(instance))
+            .map_or(default, |&[x, y, z, _]| DVec3::new(x.into(), y.into(), z.into()))
     };
     let at = |instance: usize| {
         let rotation = rotations.as_ref().and_then(|list| list.get(instance));
         let rotation = rotation.map_or(DQuat::IDENTITY, |numbers| DQuat::from_array(numbers.map(f64::from)));
         if rotation.length() < 1e-6 {
-            let detail = format!("the quaternion of instance {instance} has no direction; write a unit quaternion (x, y, z, w)");
+            let detail =
+                format!("the quaternion of instance {instance} has no direction; write a unit quaternion (x, y, z, w)");
             return Err(SceneError::invalid("rotation", format!("{place}/attributes/ROTATION"), detail));
         }
         Ok(DAffine3::from_scale_rotation_translation(

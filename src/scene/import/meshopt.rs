@@ -61,10 +61,14 @@ pub(super) fn decode(
     }));
     let unpacked = unpacked.unwrap_or(Err(Fault::Stream("the decoder gave up".to_owned())));
     unpacked.map_err(|fault| match fault {
-        Fault::Name(what, name) => SceneError::invalid("meshopt", format!("{place}/{what}"), format!("`{name}` is not a {what}")),
-        Fault::Stream(why) => {
-            SceneError::invalid("meshopt", place, format!("the packed bytes cannot be read: {why}; export the file again"))
+        Fault::Name(what, name) => {
+            SceneError::invalid("meshopt", format!("{place}/{what}"), format!("`{name}` is not a {what}"))
         }
+        Fault::Stream(why) => SceneError::invalid(
+            "meshopt",
+            place,
+            format!("the packed bytes cannot be read: {why}; export the file again"),
+        ),
     })
 }
 
@@ -138,7 +142,8 @@ mod tests {
             of_stream["byteStride"] = json!(stride);
             of_stream["count"] = json!(count);
             of_stream["mode"] = json!(mode);
-            builder.json["bufferViews"][view] = json!({"buffer": 1, "byteLength": count * stride, "extensions": {name: of_stream}});
+            builder.json["bufferViews"][view] =
+                json!({"buffer": 1, "byteLength": count * stride, "extensions": {name: of_stream}});
         }
         builder.extra_buffers = vec![json!({"byteLength": 60, "extensions": {name: {"fallback": true}}})];
         builder.json["accessors"] = json!([

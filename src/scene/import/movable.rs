@@ -30,7 +30,8 @@ impl Decoder<'_> {
             sets.push((joints, weights));
         }
         if sets.is_empty() {
-            let detail = "a skin moves the mesh, but this primitive lacks JOINTS_0 or WEIGHTS_0; it stays where its node is";
+            let detail =
+                "a skin moves the mesh, but this primitive lacks JOINTS_0 or WEIGHTS_0; it stays where its node is";
             self.warnings.add("skin_weights", source.place, detail);
             return Ok(None);
         }
@@ -71,8 +72,7 @@ impl Decoder<'_> {
                 let numbers = self.numbers::<3>(source, *accessor, &format!("targets/{index}/{name}"))?;
                 Ok(numbers.into_iter().map(Vec3::from).collect())
             };
-            let target =
-                Target { positions: list("POSITION")?, normals: list("NORMAL")?, tangents: list("TANGENT")? };
+            let target = Target { positions: list("POSITION")?, normals: list("NORMAL")?, tangents: list("TANGENT")? };
             targets.push(target);
             let other = attributes.keys().find(|name| !["POSITION", "NORMAL", "TANGENT"].contains(&name.as_str()));
             if let Some(other) = other {

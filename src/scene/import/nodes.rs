@@ -72,7 +72,8 @@ fn weights(root: &Root, node: &schema::Node, index: usize) -> Result<Vec<f64>, S
     let Some(mesh_index) = node.mesh else { return Ok(Vec::new()) };
     let targets = targets(root, index);
     let of_mesh = root.meshes.get(mesh_index).map_or(&[][..], |mesh| &mesh.weights);
-    let lists = [(&node.weights[..], format!("/nodes/{index}/weights")), (of_mesh, format!("/meshes/{mesh_index}/weights"))];
+    let lists =
+        [(&node.weights[..], format!("/nodes/{index}/weights")), (of_mesh, format!("/meshes/{mesh_index}/weights"))];
     let given = lists.into_iter().find(|(list, _)| !list.is_empty());
     let Some((weights, place)) = given else { return Ok(vec![0.0; targets]) };
     if weights.len() != targets {

@@ -58,7 +58,11 @@ pub(in crate::scene) struct Builder {
 
 impl Default for Builder {
     fn default() -> Self {
-        Self { json: json!({"asset": {"version": "2.0"}, "bufferViews": [], "accessors": []}), extra_buffers: Vec::new(), bin: Vec::new() }
+        Self {
+            json: json!({"asset": {"version": "2.0"}, "bufferViews": [], "accessors": []}),
+            extra_buffers: Vec::new(),
+            bin: Vec::new(),
+        }
     }
 }
 

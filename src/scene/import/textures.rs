@@ -127,11 +127,7 @@ fn bytes(data: &Data<'_>, package: &Package, index: usize, is_used: bool) -> Res
 /// Reads the header; the number of pixels.
 fn sniff(bytes: &[u8], pointer: &str) -> Result<u64, SceneError> {
     let broken = |why: String| SceneError::invalid("image_broken", pointer, why);
-    let (width, height) = if ktx2::is_ktx2(bytes) {
-        ktx2::size(bytes).map_err(broken)?
-    } else {
-        size(bytes, pointer)?
-    };
+    let (width, height) = if ktx2::is_ktx2(bytes) { ktx2::size(bytes).map_err(broken)? } else { size(bytes, pointer)? };
     if width == 0 || height == 0 {
         return Err(broken("the image has no pixels".to_owned()));
     }
