@@ -12,6 +12,7 @@ import { DropZone, modelFirst } from "./ui/drop-zone.js";
 import { EnvironmentPanel } from "./ui/environment-panel.js";
 import { ExportBar, save } from "./ui/export-bar.js";
 import { LightList } from "./ui/light-list.js";
+import { MotionPanel } from "./ui/motion-panel.js";
 import { Notices } from "./ui/notices.js";
 import { SettingsPanel } from "./ui/settings-panel.js";
 import { StatusBar } from "./ui/status-bar.js";
@@ -41,6 +42,7 @@ class Controller {
       (live) => this.#changed(live),
       () => this.#frame(),
     );
+    this.motion = new MotionPanel(byId("motion-section"), byId("motion"), (live) => this.#changed(live));
     this.lights = new LightList(byId("lights"), (sceneLights, live) => this.#set({ scene_lights: sceneLights }, live));
     this.environment = new EnvironmentPanel(
       byId("environment"),
@@ -115,6 +117,7 @@ class Controller {
     byId("model-name").textContent = files[0].path;
     document.title = `${files[0].path} – Candela`;
     this.camera.open(scene, Orbit.framing(scene.bounds, this.#aspect()));
+    this.motion.open(scene);
     this.lights.open(scene);
     this.environment.open(environment);
     this.settings = { ...this.settings, scene_lights: true };
@@ -173,6 +176,7 @@ class Controller {
     return requestParams({
       settings: this.settings,
       camera: this.camera.camera,
+      motion: this.motion.motion,
       lights: this.lights.lights,
       environment: this.environment.environment,
     });

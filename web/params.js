@@ -111,9 +111,9 @@ function nested(flat) {
   return root;
 }
 
-/** The request's `params`. `settings` as START, `camera`, `lights` and `environment` as their panels hold them. */
-export function requestParams({ settings, camera, lights, environment }) {
-  const params = different(settings, DEFAULTS);
+/** The request's `params`. `settings` as START, the others as their panels hold them. */
+export function requestParams({ settings, camera, motion, lights, environment }) {
+  const params = { ...different(settings, DEFAULTS), ...different(motion, { time: null, animation: null }) };
   params.camera = cameraParams(camera);
   const shining = lights.filter((light) => light.on).map(lightParams);
   if (shining.length > 0) params.lights = shining;
