@@ -52,7 +52,8 @@ impl Mesh {
     /// Whether morph targets with these weights move any of it.
     pub fn is_morphed(&self, weights: &[f64]) -> bool {
         let moves = |(target, weight): (&Target, &f64)| {
-            *weight != 0.0 && !target.positions.is_empty() || *weight != 0.0 && !target.normals.is_empty()
+            let lists = [&target.positions, &target.normals, &target.tangents];
+            *weight != 0.0 && lists.iter().any(|list| !list.is_empty())
         };
         self.all().any(|primitive| primitive.targets.iter().zip(weights).any(moves))
     }

@@ -126,7 +126,7 @@ mod tests {
     }
 
     /// Two joints: the first vertex follows the first, the second the second, the third both by half.
-    fn skinned(nodes: Value, scale: f32) -> Builder {
+    fn skinned(nodes: &Value, scale: f32) -> Builder {
         let mut builder = triangle(json!({"nodes": nodes}));
         let weight = |x: f32| x * scale;
         let joints = builder.view(&[0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0]);
@@ -160,7 +160,7 @@ mod tests {
         let nodes = json!([{"mesh": 0, "skin": 0, "translation": [99, 99, 99]}, {"translation": [far, 0, 0]},
             {"translation": [far, 0, 2], "scale": [1, 3, 1]}]);
         for scale in [1.0, 4.0] {
-            let scene = scene_of(&skinned(nodes.clone(), scale));
+            let scene = scene_of(&skinned(&nodes, scale));
             assert_eq!(scene.warnings.iter().any(|warning| warning.code == "skin_weights"), scale != 1.0);
             let drawn = scene.drawn(0).unwrap();
             let (positions, drawn) = only(&drawn);
@@ -175,7 +175,7 @@ mod tests {
     fn normals_stay_upright_and_mirrored_skins_keep_their_front() {
         let turn = DQuat::from_rotation_y(0.7).to_array();
         let joint = json!({"rotation": turn, "scale": [0.2, 3, -5]});
-        let scene = scene_of(&skinned(json!([{"mesh": 0, "skin": 0}, joint, joint]), 1.0));
+        let scene = scene_of(&skinned(&json!([{"mesh": 0, "skin": 0}, joint, joint]), 1.0));
         let drawn = scene.drawn(0).unwrap();
         let (positions, drawn) = only(&drawn);
         let primitive = &drawn.mesh.primitives[0];

@@ -86,7 +86,7 @@ mod tests {
     use crate::scene::import::testing::{Builder, error_of, scene_of};
     use serde_json::{Value, json};
 
-    fn skinned(skin: Value, joints: [u8; 12], weights: [f32; 12]) -> Builder {
+    fn skinned(skin: &Value, joints: [u8; 12], weights: [f32; 12]) -> Builder {
         let mut builder = Builder::triangle();
         let view = builder.view(&joints);
         builder.json["accessors"]
@@ -105,27 +105,27 @@ mod tests {
     #[test]
     fn weights_are_mended_with_a_warning() {
         let weights = [0.0, 0.0, 0.0, 0.0, -1.0, 0.5, 0.0, 0.0, 0.5, 0.49, 0.0, 0.0];
-        let scene = scene_of(&skinned(json!({"joints": [0, 1]}), [0, 1, 9, 9, 0, 1, 9, 9, 0, 1, 9, 9], weights));
+        let scene = scene_of(&skinned(&json!({"joints": [0, 1]}), [0, 1, 9, 9, 0, 1, 9, 9, 0, 1, 9, 9], weights));
         let influences = scene.meshes[0].primitives[0].influences.as_ref().unwrap();
         let of = |vertex: usize| &influences.weights[vertex * 4..vertex * 4 + 2];
         assert_eq!([of(0), of(1)], [&[1.0, 0.0], &[0.0, 1.0]]);
         assert!((of(2)[0] - 0.505_05).abs() < 1e-5);
         let details: Vec<&str> = scene.warnings.iter().map(|warning| &warning.detail[..14]).collect();
         assert_eq!(details, ["1 vertices hav", "1 vertices hav", "1 vertices hav"]);
-        assert!(scene_of(&skinned(json!({"joints": [0]}), [0; 12], FIRST)).warnings.is_empty());
+        assert!(scene_of(&skinned(&json!({"joints": [0]}), [0; 12], FIRST)).warnings.is_empty());
     }
 
     #[test]
     fn faults_are_named() {
         let fault = |skin: Value, joints| {
-            let fault = error_of(&skinned(skin, joints, FIRST));
+            let fault = error_of(&skinned(&skin, joints, FIRST));
             (fault.code, fault.pointer)
         };
         let at = |code, pointer: &str| (code, pointer.to_owned());
         assert_eq!(fault(json!({"joints": [0, 1]}), [2; 12]), at("joint_out_of_range", "/nodes/0/skin"));
         assert_eq!(fault(json!({"joints": []}), [0; 12]), at("skin_joints", "/skins/0/joints"));
         assert_eq!(fault(json!({"joints": [7]}), [0; 12]), at("reference", "/skins/0/joints/0"));
-        let mut builder = skinned(json!({"joints": [0, 1], "inverseBindMatrices": 3}), [0; 12], FIRST);
+        let mut builder = skinned(&json!({"joints": [0, 1], "inverseBindMatrices": 3}), [0; 12], FIRST);
         let mut matrices = |values: &[f32]| {
             let accessor = builder.accessor(values, "MAT4");
             builder.json["accessors"][accessor]["count"] = json!(values.len() / 16);
@@ -139,7 +139,7 @@ mod tests {
         assert_eq!(matrices(&broken), at("not_finite", "/skins/0/inverseBindMatrices/1"));
         let projective = [identity, [1.0; 16]].concat();
         assert_eq!(matrices(&projective), at("matrix", "/skins/0/inverseBindMatrices/1"));
-        let mut bare = skinned(json!({"joints": [0]}), [0; 12], FIRST);
+        let mut bare = skinned(&json!({"joints": [0]}), [0; 12], FIRST);
         bare.json["meshes"][0]["primitives"][0]["attributes"].as_object_mut().unwrap().remove("WEIGHTS_0");
         assert_eq!(scene_of(&bare).warnings[0].code, "skin_weights");
     }
