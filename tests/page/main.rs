@@ -46,6 +46,7 @@ fn a_visitor_goes_from_a_dropped_model_to_a_picture_and_its_command() {
     the_model_is_rendered(&mut page);
     a_light_changes_the_picture(&mut page);
     the_camera_turns(&mut page);
+    an_animation_moves_the_model(&mut page);
     previews_are_drawn_and_compared(&mut page);
     a_render_can_be_cancelled(&mut page);
     the_command_makes_the_same_picture(&mut page, folder.path());
@@ -119,6 +120,22 @@ fn the_camera_turns(page: &mut Browser) {
     let fingers = [[(400.0, 320.0), (340.0, 300.0)], [(560.0, 320.0), (660.0, 340.0)]];
     page.touch(&fingers);
     differs_after(page, "a pinch");
+}
+
+fn an_animation_moves_the_model(page: &mut Browser) {
+    let before = pixels(page);
+    choose_option(page, "[data-setting=animation] select", "0");
+    wait_until_done(page);
+    assert!(difference(&before, &pixels(page)) < CHANGED, "it begins as it rests");
+    page.eval(
+        "(() => {
+            const slider = document.querySelector('[data-setting=time] input[type=range]');
+            slider.value = 1;
+            for (const name of ['input', 'change']) slider.dispatchEvent(new Event(name, { bubbles: true }));
+        })()",
+    );
+    wait_until_done(page);
+    assert!(difference(&before, &pixels(page)) > CHANGED, "it has turned");
 }
 
 fn previews_are_drawn_and_compared(page: &mut Browser) {
