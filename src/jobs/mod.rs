@@ -33,6 +33,7 @@ mod worker;
 pub use crate::render::report::{Report, Stages};
 pub use events::{Event, EventKind, EventLog};
 pub use job::{Job, Order};
+pub use library::Images;
 pub use ledger::SceneRow;
 pub use memory::film_bytes;
 pub use meters::Meters;
@@ -183,7 +184,7 @@ impl Service {
         let limits = &self.core.limits;
         let (limit, save_bytes) = (limits.job_memory_bytes, limits.save_film_bytes);
         let copied = if self.core.storage.is_durable() { save_bytes } else { 0 };
-        let at_hand = order.scene.is_compiled(order.params.scene, order.params.variant.as_deref());
+        let at_hand = order.scene.is_compiled(&order.params);
         let compiling = {
             let job = Arc::clone(&job);
             move || compile::compile(job, &order, saved, limit, copied)

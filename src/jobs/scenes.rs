@@ -1,7 +1,8 @@
 //! Scenes and images that the server keeps, each imported once, compiled or decoded once.
 
 use super::store::Stored;
-use crate::compile::{self, CompileError, CompiledScene, Hdri};
+use crate::compile::{self, CompileError, CompiledScene, Hdri, MapFiles};
+use crate::params::RenderParams;
 use crate::scene::Scene;
 use sha2::{Digest, Sha256};
 use std::collections::HashMap;
@@ -22,11 +23,12 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Compiled form of one of the file's scenes in one of its variants; locked while it is being made, so that the next caller waits for it.
+/// What is compiled of a file for one request; locked while it is being made, so that the next caller waits for it.
 type Slot = Arc<Mutex<Option<Arc<CompiledScene>>>>;
 
-/// Index of one of the file's scenes, and name of the variant.
-type Key = (usize, Option<String>);
+/// What a compiled form depends on besides the file: index of the scene, name of the variant, and the request's spheres and
+/// overrides as JSON, if there are any.
+type Key = (usize, Option<String>, Option<String>);
 
 /// An imported scene and what has been compiled of it.
 #[derive(Debug)]
@@ -49,19 +51,20 @@ impl StoredScene {
     }
 
     /// Whether [`Self::compile`] would return at once.
-    pub fn is_compiled(&self, index: Option<usize>, variant: Option<&str>) -> bool {
-        self.slots().get(&self.resolve(index, variant)).and_then(ready).is_some()
+    pub fn is_compiled(&self, params: &RenderParams) -> bool {
+        self.slots().get(&self.key(params)).and_then(ready).is_some()
     }
 
-    /// The compiled form of one of the file's scenes in a variant. Blocks; of several callers one compiles and the others wait.
-    pub fn compile(&self, index: Option<usize>, variant: Option<&str>) -> Result<Arc<CompiledScene>, CompileError> {
-        let compile = || compile::compile_variant(&self.scene, index, variant).map(Arc::new);
-        let no_scene = index.is_some_and(|index| index >= self.scene.scenes.len());
-        if no_scene || variant.is_some_and(|name| !self.scene.variants.iter().any(|variant| variant == name)) {
+    /// What a request shows of the file. Blocks; of several callers one compiles and the others wait.
+    pub fn compile(&self, params: &RenderParams, maps: &MapFiles) -> Result<Arc<CompiledScene>, CompileError> {
+        let compile = || compile::compile_request(&self.scene, params, maps).map(Arc::new);
+        let no_scene = params.scene.is_some_and(|index| index >= self.scene.scenes.len());
+        let no_variant = |name: &String| !self.scene.variants.contains(name);
+        if no_scene || params.variant.as_ref().is_some_and(no_variant) {
             // Not kept: the client could name any number of such scenes.
             return compile();
         }
-        let slot = Arc::clone(self.slots().entry(self.resolve(index, variant)).or_default());
+        let slot = self.slot(self.key(params));
         let mut compiled = slot.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(compiled) = compiled.as_ref() {
             return Ok(Arc::clone(compiled));
@@ -69,8 +72,19 @@ impl StoredScene {
         Ok(Arc::clone(compiled.insert(compile()?)))
     }
 
-    fn resolve(&self, index: Option<usize>, variant: Option<&str>) -> Key {
-        (index.or(self.scene.default_scene).unwrap_or(0), variant.map(str::to_owned))
+    /// The slot of a key. Of requests with spheres or overrides, which can be any number, the last one's alone is kept.
+    fn slot(&self, key: Key) -> Slot {
+        let mut slots = self.slots();
+        if key.2.is_some() {
+            slots.retain(|known, _| known.2.is_none() || *known == key);
+        }
+        Arc::clone(slots.entry(key).or_default())
+    }
+
+    fn key(&self, params: &RenderParams) -> Key {
+        let changed = !params.spheres.is_empty() || !params.overrides.is_empty();
+        let changes = changed.then(|| serde_json::json!([params.spheres, params.overrides]).to_string());
+        (params.scene.or(self.scene.default_scene).unwrap_or(0), params.variant.clone(), changes)
     }
 
     fn slots(&self) -> MutexGuard<'_, HashMap<Key, Slot>> {
@@ -89,15 +103,44 @@ impl Stored for StoredScene {
     }
 }
 
-/// A decoded environment picture.
+/// A picture that parameters name.
 #[derive(Debug)]
 pub struct StoredImage {
     /// `sha256-...`
     pub id: String,
     /// Bytes of the upload.
     pub upload_bytes: u64,
-    /// Texels and sampling table.
-    pub hdri: Arc<Hdri>,
+    /// Pixels across and down.
+    pub size: (u32, u32),
+    /// What it can be used for.
+    pub content: ImageContent,
+}
+
+/// What a picture can be used for.
+#[derive(Debug, Clone)]
+pub enum ImageContent {
+    /// An environment: texels and sampling table.
+    Environment(Arc<Hdri>),
+    /// A map of a surface, as it was uploaded.
+    Map(Arc<[u8]>),
+}
+
+impl StoredImage {
+    /// The environment, if it is one.
+    pub fn environment(&self) -> Option<Arc<Hdri>> {
+        match &self.content {
+            ImageContent::Environment(hdri) => Some(Arc::clone(hdri)),
+            ImageContent::Map(_) => None,
+        }
+    }
+
+    /// The map, if it is one.
+    pub fn map(&self) -> Option<Arc<[u8]>> {
+        match &self.content {
+            ImageContent::Map(bytes) => Some(Arc::clone(bytes)),
+            ImageContent::Environment(_) => None,
+        }
+    }
 }
 
 impl Stored for StoredImage {
@@ -106,7 +149,13 @@ impl Stored for StoredImage {
     }
 
     fn bytes(&self) -> u64 {
-        (size_of_val(self.hdri.texels.as_slice()) + size_of_val(self.hdri.cells.as_slice())) as u64
+        let bytes = match &self.content {
+            ImageContent::Environment(hdri) => {
+                size_of_val(hdri.texels.as_slice()) + size_of_val(hdri.cells.as_slice())
+            }
+            ImageContent::Map(bytes) => bytes.len(),
+        };
+        bytes as u64
     }
 }
 
@@ -142,6 +191,7 @@ pub fn compiled_bytes(scene: &CompiledScene) -> u64 {
         + size_of_val(scene.instances.as_slice())
         + size_of_val(scene.materials.as_slice())
         + size_of_val(scene.extended.as_slice())
+        + size_of_val(scene.details.as_slice())
         + size_of_val(scene.emitters.as_slice())
         + pages;
     bytes as u64

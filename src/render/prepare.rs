@@ -92,6 +92,7 @@ impl From<&RenderParams> for Settings {
             adaptive: params.adaptive && !is_preview,
             target_error: params.target_error.filter(|_| !is_preview),
             deadline: params.deadline_ms.map(Duration::from_millis),
+            direct: params.direct,
             preview: params.preview,
         }
     }

@@ -5,7 +5,7 @@ use super::attributes;
 use super::data::Data;
 use super::document;
 use super::extensions;
-use super::materials::ReadMaterial;
+use super::materials::{ReadMaterial, UV_SETS};
 use super::number::not_finite;
 use super::schema::{self, VARIANTS, VariantMappings};
 use super::tangents;
@@ -282,7 +282,7 @@ impl<'a> Decoder<'a> {
         Ok(Some(colors).filter(|colors| colors.iter().any(|color| *color != Vec4::ONE)))
     }
 
-    /// Texture coordinates in the material's numbering.
+    /// Texture coordinates in the material's numbering, and [`crate::scene::Material::first_uv`].
     fn uvs(
         &mut self,
         source: &schema::Primitive,
@@ -292,13 +292,17 @@ impl<'a> Decoder<'a> {
         place: &str,
     ) -> Result<Vec<Vec<Vec2>>, SceneError> {
         let mut uvs = Vec::new();
-        for set in material.map_or(&[][..], |material| &material.uv_sets) {
+        let sets = material.map_or(&[][..], |material| &material.uv_sets);
+        for set in sets {
             let uv = self.read(source, &format!("TEXCOORD_{set}"), selection, place)?;
             if uv.is_none() {
                 let detail = format!("the material reads TEXCOORD_{set}, which the primitive lacks; (0, 0) is used");
                 self.warnings.add("uv_missing", format!("{place}/material"), detail);
             }
             uvs.push(uv.unwrap_or_else(|| vec![Vec2::ZERO; count]));
+        }
+        if material.is_some() && sets.len() < UV_SETS && !sets.contains(&0) {
+            uvs.extend(self.read(source, "TEXCOORD_0", selection, place)?);
         }
         Ok(uvs)
     }
@@ -373,7 +377,7 @@ mod tests {
         let scene = scene_of(&builder);
         let primitive = &scene.meshes[0].primitives[0];
         let shown = |variant| (primitive.of_variant(variant).material, primitive.of_variant(variant).uvs.len());
-        assert_eq!([shown(None), shown(Some(0)), shown(Some(1))], [(Some(0), 0), (Some(0), 0), (Some(1), 1)]);
+        assert_eq!([shown(None), shown(Some(0)), shown(Some(1))], [(Some(0), 1), (Some(0), 1), (Some(1), 2)]);
         assert_eq!(scene.images[0].bytes.as_ref(), PNG);
         builder.json["meshes"][0]["primitives"][0]["extensions"] = mapping(json!([2]));
         let place = "/meshes/0/primitives/0/extensions/KHR_materials_variants/mappings/0/variants/0";
@@ -392,7 +396,7 @@ mod tests {
         let primitive = &textured.meshes[0].primitives[0];
         assert_eq!(
             (primitive.uvs.len(), primitive.uvs[0][0], primitive.tangents.is_none()),
-            (1, Vec2::splat(0.5), true)
+            (2, Vec2::splat(0.5), true)
         );
         assert_eq!(textured.images[0].bytes.as_ref(), PNG);
     }
