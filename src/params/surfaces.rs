@@ -349,7 +349,6 @@ fn check_maps(check: &mut Check, maps: &Maps<'_>) {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::params::{ParamLimits, from_json};
 
     fn faults(json: &str) -> Vec<String> {

@@ -9,5 +9,7 @@ mod invariance;
 mod materials;
 mod parts;
 mod preview;
+mod reliefs;
+mod spheres;
 mod stability;
 mod third_party;

@@ -156,7 +156,9 @@ fn filter_table(kind: FilterKind) -> [f32; FILTER_STEPS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compile::{Extended, Instance, LightPick, Material, PunctualLight, SLOTS, Slot, TextureSlot, Triangle};
+    use crate::compile::{
+        Detail, Extended, Instance, LightPick, Material, PunctualLight, SLOTS, Slot, TextureSlot, Triangle,
+    };
     use std::mem::offset_of;
 
     /// Compares the offsets of the named fields, and the size, with those of the WGSL struct of the same name.
@@ -263,12 +265,10 @@ mod tests {
         assert_eq!(value("NONE"), crate::compile::NONE);
         assert_eq!(value("ALPHA_BIT"), Triangle::ALPHA);
         assert_eq!(value("SPHERE_BIT"), Triangle::SPHERE);
-        assert_eq!(value("DETAIL_HEIGHT"), Detail::HEIGHT);
         assert_eq!(value("DETAIL_NORMAL"), Detail::NORMAL);
         assert_eq!(value("DETAIL_OFFSET"), Detail::OFFSET);
         assert_eq!(value("DETAIL_OFFSET_LIMITED"), Detail::OFFSET_LIMITED);
         assert_eq!(value("DETAIL_STEEP"), Detail::STEEP);
-        assert_eq!(value("DETAIL_RELIEF"), Detail::RELIEF);
         assert_eq!(value("DETAIL_WORDS") as usize, size_of::<Detail>() / 4);
         assert_eq!(value("AT_DETAIL_SCALE") as usize, offset_of!(Detail, scale) / 4);
         assert_eq!(value("AT_DETAIL_STEPS") as usize, offset_of!(Detail, steps) / 4);

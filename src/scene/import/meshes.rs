@@ -418,7 +418,7 @@ mod tests {
         }
         let missing = scene_of(&with_material(full(), &json!({"normalTexture": {"index": 0, "texCoord": 1}})));
         let primitive = &missing.meshes[0].primitives[0];
-        assert_eq!(primitive.uvs, [vec![Vec2::ZERO; 3]]);
+        assert_eq!(primitive.uvs[0], vec![Vec2::ZERO; 3]);
         assert!(missing.warnings.iter().any(|warning| warning.code == "uv_missing"));
     }
 
