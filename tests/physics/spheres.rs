@@ -125,16 +125,15 @@ fn phong_mirrors_as_deep_as_asked(engine: EngineChoice) {
     let look = |bounces: u32| {
         let request = with(
             r#"{"mode": "direct", "direct": {"shading": "phong", "specular": 0}, "max_samples": 4,
-                "lights": [{"type": "directional", "direction": [0, 0, 1], "intensity": 2}],
+                "lights": [{"type": "directional", "direction": [1, 0, 1], "intensity": 2}],
                 "camera": {"position": [0, 0, 2], "target": [0, 0, 0], "yfov_degrees": 0.01}}"#,
             &json!({"spheres": [wall, mirror], "max_bounces": bounces}),
         );
         mean(&render(engine, work(&empty(), &request)), 0)
     };
-    assert_eq!(look(1), 0.0);
-    // The wall is in the sphere's shadow where the camera sees it head on, but for the light's other side: lit 2 / pi.
-    let seen = look(2);
-    assert!(seen == 0.0 || (seen - 0.5 * 2.0 / PI).abs() < 1e-3, "{seen}");
+    // One scattering event is the mirror's; the wall's is the second.
+    assert_eq!([look(0), look(1)], [0.0; 2]);
+    assert_near(look(2), 0.5 * 2f64.sqrt() / PI, 1e-3);
 }
 
 /// Spheres of all kinds over a floor.
@@ -173,7 +172,7 @@ fn both_engines_agree_on_spheres() {
     let (floor, spheres, maps) = mixed();
     let request = |seed: u32| {
         with(
-            r#"{"max_samples": 1024, "adaptive": false, "environment": {"gradient":
+            r#"{"max_samples": 256, "adaptive": false, "environment": {"gradient":
                 {"top": [0.8, 0.9, 1], "horizon": [1, 1, 1], "bottom": [0.2, 0.1, 0.1]}}}"#,
             &json!({"spheres": spheres, "seed": seed, "camera": serde_json::from_str::<Value>(CAMERA).expect("JSON"),
                     "lights": [{"type": "point", "position": [2, 3, 2], "intensity": 20}]}),
@@ -184,13 +183,15 @@ fn both_engines_agree_on_spheres() {
     let (noise, level) = compare(&cpu[0], &cpu[1]);
     let (rmse, _) = compare(&gpu, &cpu[0]);
     assert!(rmse < 2.0 * noise + 1e-3 * level, "RMSE {rmse}, noise {noise}, level {level}");
-    assert_near(mean(&gpu, 1), mean(&cpu[0], 1), 3e-3);
+    assert_near(mean(&gpu, 1), mean(&cpu[0], 1), 5e-3);
 }
 
 /// A preview and the tracer's direct light show the same spheres, textures and bumps: within a step of 8 bits but for outlines.
 #[test]
 fn previews_show_the_same_spheres() {
-    let (floor, spheres, maps) = mixed();
+    let (floor, mut spheres, maps) = mixed();
+    // Lambert's shading knows no metals.
+    spheres[2]["metallic"] = json!(0);
     let look = |mode: &str, path: &str, shadows: &str| {
         let request = with(
             r#"{"max_samples": 1, "width": 96, "height": 96, "filter": {"kind": "box", "radius": 0.001}}"#,
