@@ -177,13 +177,7 @@ pub fn run(engines: &mut Engines, side: u32, rounds: u32, folder: &Path, out: &m
 }
 
 /// Spheres in rows that fill the picture, over a floor that mirrors a little, under all kinds of lights that the study's author had.
-fn loads(
-    engines: &mut Engines,
-    engine: EngineChoice,
-    side: u32,
-    rounds: u32,
-    out: &mut dyn Write,
-) -> Result<()> {
+fn loads(engines: &mut Engines, engine: EngineChoice, side: u32, rounds: u32, out: &mut dyn Write) -> Result<()> {
     let (floor, maps) = (sheet(1, |_, _| 0.0), maps([PI, PI])?);
     let ways = ways();
     writeln!(out, "| spheres | {} |", ways.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(" | "))?;

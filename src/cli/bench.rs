@@ -211,7 +211,12 @@ fn measure(what: &What) -> Result<()> {
         }
         What::Detail { side, rounds, folder } => {
             let mut engines = Engines::new();
-            writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(GpuEngine::new()?.device()), rounds.rounds)?;
+            writeln!(
+                out,
+                "On {}; best of {} interleaved rounds.\n",
+                bench::machine(GpuEngine::new()?.device()),
+                rounds.rounds
+            )?;
             bench::detail::run(&mut engines, *side, rounds.rounds, folder, &mut out)?;
         }
         What::Preview { models, rounds } => {

@@ -1,7 +1,9 @@
 //! What surfaces are made of in one request: the file's materials, what the request says of some of them, and its spheres.
 
 use super::Detail;
-use crate::params::{Axis, FieldError, Maps, OverrideParams, ParallaxMethod, RenderParams, SphereParams, TextureParams};
+use crate::params::{
+    Axis, FieldError, Maps, OverrideParams, ParallaxMethod, RenderParams, SphereParams, TextureParams,
+};
 use crate::scene::{Extended, Image, Material, Primitive, Scene, Texture, TextureRef, Wrap};
 use glam::{DVec3, Mat3, Vec2};
 use std::collections::BTreeMap;

@@ -4,10 +4,10 @@ use super::alpha::AlphaTest;
 use super::emitters::Emission;
 use super::extended::{self, Extended};
 use super::features::MIRROR_ROUGHNESS;
+use super::look::{Look, Relief};
 use super::texels::Texels;
 use super::textures::{Space, Textures};
 use super::{CompiledScene, Detail, Material, NONE, Slot};
-use super::look::{Look, Relief};
 use crate::scene::{self, AlphaMode, TextureRef};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 

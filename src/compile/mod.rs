@@ -39,8 +39,8 @@ mod tests;
 
 pub use camera::view;
 pub use compiled::{
-    Bounds, BvhNode, CompileStats, CompiledScene, Detail, Emitter, Instance, Material, TexturePages, TextureSlot, Triangle,
-    VertexLayout,
+    Bounds, BvhNode, CompileStats, CompiledScene, Detail, Emitter, Instance, Material, TexturePages, TextureSlot,
+    Triangle, VertexLayout,
 };
 pub use extended::{Extended, SLOTS, Slot};
 pub use features::{Features, features};

@@ -1,8 +1,8 @@
 //! Images -> pages of RGBA8 texels. Images of 16 bits per channel are rounded to 8, those of heights keep them.
 
 use super::atlas::{self, Place};
-use super::{TexturePages, TextureSlot};
 use super::look::Look;
+use super::{TexturePages, TextureSlot};
 use crate::scene::{SceneError, SceneErrorKind, TextureRef, Wrap};
 use image::{ImageFormat, ImageReader, Limits};
 use rayon::prelude::*;
@@ -65,19 +65,15 @@ impl Textures {
         let decoded: Decoded = codes.par_iter().map(pixels).collect::<Result<_, SceneError>>()?;
         let mut textures = Self { decoded: decoded.len() as u64, ..Self::default() };
         for pages in [&[Space::Color][..], &[Space::Data, Space::Height]] {
-            let images: Vec<(Space, usize)> = wanted.iter().filter(|(space, _)| pages.contains(space)).copied().collect();
+            let images: Vec<(Space, usize)> =
+                wanted.iter().filter(|(space, _)| pages.contains(space)).copied().collect();
             textures.fill(&images, &sizes, &decoded);
         }
         textures.seconds = start.elapsed().as_secs_f64();
         Ok(textures)
     }
 
-    fn fill(
-        &mut self,
-        images: &[(Space, usize)],
-        sizes: &BTreeMap<usize, (u32, u32)>,
-        decoded: &Decoded,
-    ) {
+    fn fill(&mut self, images: &[(Space, usize)], sizes: &BTreeMap<usize, (u32, u32)>, decoded: &Decoded) {
         let Some((first, _)) = images.first() else { return };
         let sizes: Vec<(u32, u32)> = images.iter().map(|(_, image)| sizes[image]).collect();
         let page_size = page_size(&sizes);
@@ -175,10 +171,12 @@ pub fn map_size(bytes: &[u8], most: u64) -> Option<Result<(u32, u32), String>> {
     if !matches!(format, ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP) {
         return None;
     }
-    let size = ImageReader::with_format(Cursor::new(bytes), format).into_dimensions().map_err(|error| error.to_string());
+    let size =
+        ImageReader::with_format(Cursor::new(bytes), format).into_dimensions().map_err(|error| error.to_string());
     Some(size.and_then(|(width, height)| {
         let fits = width.max(height) <= MAX_SIDE && u64::from(width) * u64::from(height) <= most;
-        let detail = || format!("the image is {width} x {height}; at most {MAX_SIDE} a side and {most} in all are read");
+        let detail =
+            || format!("the image is {width} x {height}; at most {MAX_SIDE} a side and {most} in all are read");
         if fits { Ok((width, height)) } else { Err(detail()) }
     }))
 }

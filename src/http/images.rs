@@ -11,14 +11,7 @@ use axum::response::Response;
 use serde_json::Value;
 
 const KINDS: Kinds = Kinds {
-    raw: &[
-        "image/vnd.radiance",
-        "image/x-exr",
-        "image/png",
-        "image/jpeg",
-        "image/webp",
-        "application/octet-stream",
-    ],
+    raw: &["image/vnd.radiance", "image/x-exr", "image/png", "image/jpeg", "image/webp", "application/octet-stream"],
     file_field: "image",
     params: false,
     hint: "send multipart/form-data with the file as `image`, or the file itself as image/vnd.radiance, image/x-exr, \

@@ -150,9 +150,7 @@ impl Stored for StoredImage {
 
     fn bytes(&self) -> u64 {
         let bytes = match &self.content {
-            ImageContent::Environment(hdri) => {
-                size_of_val(hdri.texels.as_slice()) + size_of_val(hdri.cells.as_slice())
-            }
+            ImageContent::Environment(hdri) => size_of_val(hdri.texels.as_slice()) + size_of_val(hdri.cells.as_slice()),
             ImageContent::Map(bytes) => bytes.len(),
         };
         bytes as u64

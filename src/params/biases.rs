@@ -13,9 +13,12 @@ impl RenderParams {
         if self.mode == Mode::Direct && self.direct.shading == DirectShading::Phong {
             biases.push("direct.shading phong: reflection by Phong's formula, which keeps no energy".to_owned());
         }
-        let mut surfaces = self.spheres.iter().map(SphereParams::maps).chain(self.overrides.iter().map(OverrideParams::maps));
+        let mut surfaces =
+            self.spheres.iter().map(SphereParams::maps).chain(self.overrides.iter().map(OverrideParams::maps));
         if surfaces.any(|maps| maps.parallax.is_some()) {
-            biases.push("parallax maps: reliefs have the outline of their surface, and no shadow on themselves".to_owned());
+            biases.push(
+                "parallax maps: reliefs have the outline of their surface, and no shadow on themselves".to_owned(),
+            );
         }
         if self.mode == Mode::Preview {
             biases.extend(self.preview.biases());

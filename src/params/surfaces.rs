@@ -278,9 +278,11 @@ pub(super) fn check(check: &mut Check, params: &RenderParams, most: usize) {
     }
     for (index, material) in params.overrides.iter().enumerate() {
         check.at(&format!("overrides/{index}"), |check| {
-            check.require(!params.overrides[..index].iter().any(|other| other.material == material.material), "material", || {
-                "is overridden above already: put everything into one entry".to_owned()
-            });
+            check.require(
+                !params.overrides[..index].iter().any(|other| other.material == material.material),
+                "material",
+                || "is overridden above already: put everything into one entry".to_owned(),
+            );
             material.color.iter().for_each(|color| check_part(check, color, "color"));
             material.emissive.iter().for_each(|emissive| check.light(emissive, "emissive"));
             material.metallic.iter().for_each(|part| check_part(check, &[*part], "metallic"));
@@ -311,7 +313,9 @@ fn check_sphere(check: &mut Check, sphere: &SphereParams) {
 }
 
 fn check_part(check: &mut Check, values: &[f32], name: &str) {
-    check.require(values.iter().all(|value| (0.0..=1.0).contains(value)), name, || "must lie between 0 and 1".to_owned());
+    check.require(values.iter().all(|value| (0.0..=1.0).contains(value)), name, || {
+        "must lie between 0 and 1".to_owned()
+    });
 }
 
 fn check_maps(check: &mut Check, maps: &Maps<'_>) {

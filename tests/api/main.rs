@@ -19,5 +19,5 @@ mod render;
 mod scenes;
 mod shutdown;
 mod strict;
-mod surfaces;
 mod support;
+mod surfaces;

@@ -6,7 +6,9 @@ use serde_json::{Value, json};
 /// A grey PNG of one texel.
 fn png() -> Vec<u8> {
     let mut bytes = std::io::Cursor::new(Vec::new());
-    image::GrayImage::from_pixel(1, 1, image::Luma([128])).write_to(&mut bytes, image::ImageFormat::Png).expect("a PNG");
+    image::GrayImage::from_pixel(1, 1, image::Luma([128]))
+        .write_to(&mut bytes, image::ImageFormat::Png)
+        .expect("a PNG");
     bytes.into_inner()
 }
 
@@ -70,8 +72,10 @@ fn faulty_surfaces_are_named_by_place() {
     assert_eq!(at(sphere(json!({"texture": {"image": "sky.hdr"}}))), ["/params/spheres/0/texture/image"]);
     assert_eq!(at(json!({"environment": {"hdri": "a.png"}})), ["/params/environment/hdri"]);
     assert_eq!(at(json!({"overrides": [{"material": "none"}]})), ["/params/overrides/0/material"]);
-    assert_eq!(at(json!({"overrides": [{"material": "a", "parallax": {"image": "a.png", "scale": 1, "method": "deep"}}]})),
-        ["/params/overrides/0/parallax/method"]);
+    assert_eq!(
+        at(json!({"overrides": [{"material": "a", "parallax": {"image": "a.png", "scale": 1, "method": "deep"}}]})),
+        ["/params/overrides/0/parallax/method"]
+    );
     let problem = refuse(json!({"overrides": [{"material": "none"}]}));
     assert!(problem["errors"][0]["detail"].as_str().is_some_and(|detail| detail.contains("none")), "{problem}");
 }

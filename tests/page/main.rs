@@ -146,7 +146,8 @@ fn previews_are_drawn_and_compared(page: &mut Browser) {
 /// Leaves a sphere with two maps and a painted material for what follows.
 fn spheres_and_materials_change_the_picture(page: &mut Browser, folder: &Path) {
     let map = folder.join("bumps.png");
-    let bumps = image::GrayImage::from_fn(32, 16, |x, y| image::Luma([if (x / 4 + y / 4) % 2 == 0 { 250 } else { 30 }]));
+    let bumps =
+        image::GrayImage::from_fn(32, 16, |x, y| image::Luma([if (x / 4 + y / 4) % 2 == 0 { 250 } else { 30 }]));
     bumps.save(&map).expect("the map is written");
     let mut before = pixels(page);
     let mut differs_after = |page: &mut Browser, what: &str, least: f64| {

@@ -18,7 +18,8 @@ on_both_engines! {
 
 /// A square of half side `half` in the plane y = 0, u to the right (+x) and v towards +z as in a picture seen from above.
 fn sheet(half: f32) -> Primitive {
-    let positions = [(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)].map(|(x, z)| Vec3::new(x * half, 0.0, z * half));
+    let positions =
+        [(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)].map(|(x, z)| Vec3::new(x * half, 0.0, z * half));
     Primitive {
         positions: positions.to_vec(),
         uvs: vec![vec![Vec2::new(0.0, 1.0), Vec2::ONE, Vec2::new(1.0, 0.0), Vec2::ZERO]],
@@ -158,7 +159,8 @@ fn reliefs_are_seen_where_a_fine_march_meets_them(engine: EngineChoice) {
     let depth = 0.15;
     let view = DVec3::new(0.6, -1.0, 0.3).normalize();
     let eye = -view * 1000.0;
-    let scene = scene(vec![(sheet(1.0), named(Material { base_color: Vec4::ONE, ..grey(1.0, 1.0, 0.0) }), DAffine3::IDENTITY)]);
+    let scene =
+        scene(vec![(sheet(1.0), named(Material { base_color: Vec4::ONE, ..grey(1.0, 1.0, 0.0) }), DAffine3::IDENTITY)]);
     let request = params(
         &json!({
             "mode": "direct", "max_samples": 1, "width": 32, "height": 32, "filter": {"kind": "box", "radius": 0.001},
@@ -204,7 +206,8 @@ fn reliefs_are_seen_where_a_fine_march_meets_them(engine: EngineChoice) {
 #[test]
 fn engines_agree_on_every_method() {
     let mut maps = wave_map();
-    let checks = image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([if (x / 8 + y / 8) % 2 == 0 { 230 } else { 40 }; 3]));
+    let checks =
+        image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([if (x / 8 + y / 8) % 2 == 0 { 230 } else { 40 }; 3]));
     maps.insert("checks.png".to_owned(), png(&image::DynamicImage::ImageRgb8(checks)));
     let scene = ground(DAffine3::IDENTITY);
     for method in ["offset", "offset_limited", "steep", "relief"] {

@@ -144,9 +144,10 @@ fn mixed() -> (Scene, Value, MapFiles) {
     });
     let maps = MapFiles::from([
         ("checks.png".to_owned(), png(&image::DynamicImage::ImageRgb8(checks))),
-        ("bumps.png".to_owned(), heights(64, 32, |x, y| {
-            0.5 + 0.5 * (f64::from(x) * PI / 4.0).sin() * (f64::from(y) * PI / 4.0).sin()
-        })),
+        (
+            "bumps.png".to_owned(),
+            heights(64, 32, |x, y| 0.5 + 0.5 * (f64::from(x) * PI / 4.0).sin() * (f64::from(y) * PI / 4.0).sin()),
+        ),
     ]);
     let spheres = json!([
         {"center": [-1.2, 0.6, 0], "radius": 0.6, "color": [0.9, 0.4, 0.2], "roughness": 0.4, "reflectivity": 0.3},

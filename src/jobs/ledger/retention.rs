@@ -50,7 +50,8 @@ impl Leaving {
             c.prepare_cached(&sql)
         };
         // Parameters name maps by their ids.
-        let (mut scene, mut image) = (unused("scenes", "scene = ?1")?, unused("images", "image = ?1 OR instr(params, ?1)")?);
+        let (mut scene, mut image) =
+            (unused("scenes", "scene = ?1")?, unused("images", "image = ?1 OR instr(params, ?1)")?);
         self.scenes.iter().try_for_each(|id| scene.execute([id]).map(drop))?;
         self.images.iter().try_for_each(|id| image.execute([id]).map(drop))
     }

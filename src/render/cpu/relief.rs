@@ -28,10 +28,7 @@ impl Chart {
             return Self::default();
         }
         let along = [edges[1].cross(normal) / squared, normal.cross(edges[0]) / squared];
-        Self {
-            u: change[0].x * along[0] + change[1].x * along[1],
-            v: change[0].y * along[0] + change[1].y * along[1],
-        }
+        Self { u: change[0].x * along[0] + change[1].x * along[1], v: change[0].y * along[0] + change[1].y * along[1] }
     }
 }
 
@@ -92,7 +89,9 @@ impl Relief<'_> {
         let z = (1.0 - xy.length_squared()).max(0.0).sqrt();
         let (u, v, normal) = (self.chart.u, self.chart.v, self.normal);
         let side = if u.cross(v).dot(normal) > 0.0 { 1.0 } else { -1.0 };
-        let Some(tangent) = (v.cross(normal) * side).reject_from_normalized(normal).try_normalize() else { return normal };
+        let Some(tangent) = (v.cross(normal) * side).reject_from_normalized(normal).try_normalize() else {
+            return normal;
+        };
         // Up in the picture is against v.
         let up = -normal.cross(tangent) * side;
         let mapped = f64::from(self.detail.scale) * (xy.x * tangent + xy.y * up) + z * normal;
@@ -142,12 +141,8 @@ mod tests {
     /// A relief's search against a march of a hundred thousand steps.
     #[test]
     fn a_search_finds_what_a_fine_march_finds() {
-        let depths: [fn(f64) -> f64; 4] = [
-            |t| 0.5 + 0.4 * (9.0 * t).sin(),
-            |t| if t < 0.3 { 0.9 } else { 0.1 },
-            |t| 0.2 + 0.6 * t,
-            |_| 1.0,
-        ];
+        let depths: [fn(f64) -> f64; 4] =
+            [|t| 0.5 + 0.4 * (9.0 * t).sin(), |t| if t < 0.3 { 0.9 } else { 0.1 }, |t| 0.2 + 0.6 * t, |_| 1.0];
         for depth in depths {
             let fine = (0..=100_000).map(|i| f64::from(i) / 1e5).find(|&t| t >= depth(t)).unwrap_or(1.0);
             let found = search(64, true, depth);

@@ -56,7 +56,10 @@ mod tests {
                 let change = (moved - uv) / step;
                 let expected = DVec2::new(chart.u.dot(tangent), chart.v.dot(tangent));
                 let seam = change.x.abs() > 1e3;
-                assert!(seam || change.distance(expected) < 1e-3 * (1.0 + expected.length()), "{change} for {expected}");
+                assert!(
+                    seam || change.distance(expected) < 1e-3 * (1.0 + expected.length()),
+                    "{change} for {expected}"
+                );
             }
         }
     }

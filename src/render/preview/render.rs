@@ -269,13 +269,7 @@ struct Passes {
 }
 
 impl Passes {
-    fn pipelines(
-        &self,
-        gpu: &Gpu,
-        pipelines: &mut Pipelines,
-        layouts: &Layouts,
-        style: Style,
-    ) -> FramePipelines {
+    fn pipelines(&self, gpu: &Gpu, pipelines: &mut Pipelines, layouts: &Layouts, style: Style) -> FramePipelines {
         let culls = self.extent.bounded_lights > 0;
         let deferred = self.extent.deferred;
         let surfaces = if deferred { Draw::Geometry } else { Draw::Forward { over_depth: culls } };

@@ -40,7 +40,12 @@ impl Bvh {
         if scene.two_level {
             let world = |i: &Instance| world_bounds(&gathered[i.tree as usize], &i.to_object);
             let bounds: Vec<Bounds> = bvh.instances.par_iter().map(world).collect();
-            let source = Source { nodes: &scene.nodes, leaf_size: 1, bounds: |index: u32| bounds[index as usize], alone: |_| false };
+            let source = Source {
+                nodes: &scene.nodes,
+                leaf_size: 1,
+                bounds: |index: u32| bounds[index as usize],
+                alone: |_| false,
+            };
             bvh.top = Some(bvh.add_tree(&source.gather(0, 0), &mut |_, primitives| Child::leaf(primitives[0])));
         }
         for items in &gathered {
