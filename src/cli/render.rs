@@ -4,7 +4,7 @@ use super::progress::Bar;
 use super::request::{Request, Target, request};
 use super::summary::Summary;
 use super::{Failure, demo};
-use crate::compile::{self, Hdri};
+use crate::compile::{self, Hdri, MapFiles};
 use crate::film::{self, Aov, Aovs};
 use crate::params::{EnvironmentChoice, RenderParams};
 use crate::render::prepare::{Prepared, prepare, render_to_end};
@@ -105,13 +105,12 @@ fn load(scene: &str, params: &RenderParams) -> Result<(Prepared, Stages), Failur
     let faulty = |fault: String| Failure::Request(format!("{scene}: {fault}"));
     let imported = package.and_then(|package| scene::import(&package, &limits));
     let imported = imported.map_err(|error| faulty(located(&error)))?;
-    let hdri = hdri(params)?;
+    let (hdri, maps) = (hdri(params)?, maps(params)?);
     stages.import = seconds(begun);
     let begun = Instant::now();
     let moment = compile::moment(&imported, params).map_err(|e| faulty(e.to_string()))?;
     let posed = imported.at(moment);
-    let compiled =
-        compile::compile_variant(&posed, params.scene, params.variant.as_deref()).map_err(|e| faulty(e.to_string()))?;
+    let compiled = compile::compile_request(&posed, params, &maps).map_err(|e| faulty(e.to_string()))?;
     let prepared = prepare(&posed, Arc::new(compiled), params, hdri).map_err(|e| faulty(e.to_string()))?;
     stages.compile = seconds(begun);
     Ok((prepared, stages))
@@ -131,6 +130,15 @@ fn hdri(params: &RenderParams) -> Result<Option<Arc<Hdri>>, Failure> {
     compile::decode_hdri(&bytes, compile::ENVIRONMENT_PIXELS)
         .map(|hdri| Some(Arc::new(hdri)))
         .map_err(|error| faulty(error.to_string()))
+}
+
+/// The pictures of spheres and overrides, which are files here.
+fn maps(params: &RenderParams) -> Result<MapFiles, Failure> {
+    let read = |name: &str| {
+        let bytes = std::fs::read(name).map_err(|error| Failure::Request(format!("image {name}: {error}")))?;
+        Ok((name.to_owned(), Arc::from(bytes)))
+    };
+    params.map_names().into_iter().map(read).collect()
 }
 
 /// Traces and encodes.

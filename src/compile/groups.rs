@@ -2,6 +2,7 @@
 //! drawn several times is stored once, with an instance each. A placement that cannot be inverted is merged in any case.
 
 use super::VertexLayout;
+use super::look::Sphere;
 use super::walk::invalid;
 use crate::scene::{Drawn, Mesh, Primitive, SceneError, SceneErrorKind};
 use glam::{DAffine3, DVec3};
@@ -85,8 +86,8 @@ impl<'a> Groups<'a> {
         Ok(())
     }
 
-    /// Centre of the bounds of all triangles.
-    pub fn centre(&self) -> Result<DVec3, SceneError> {
+    /// Centre of the bounds of all triangles and spheres.
+    pub fn centre(&self, spheres: &[Sphere]) -> Result<DVec3, SceneError> {
         let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let join = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
         let around = |points: &[DVec3], world: &DAffine3| {
@@ -98,7 +99,9 @@ impl<'a> Groups<'a> {
             let points = corner_points(group.mesh);
             group.worlds.par_iter().map(|world| around(&points, world)).reduce(|| empty, join)
         });
-        let (min, max) = join(merged.reduce(|| empty, join), instanced.fold(empty, join));
+        let spheres = spheres.iter().map(|sphere| (sphere.center - sphere.radius, sphere.center + sphere.radius));
+        let spheres = spheres.fold(empty, join);
+        let (min, max) = join(spheres, join(merged.reduce(|| empty, join), instanced.fold(empty, join)));
         if !min.cmple(max).all() {
             return Ok(DVec3::ZERO);
         }

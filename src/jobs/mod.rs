@@ -34,6 +34,7 @@ pub use crate::render::report::{Report, Stages};
 pub use events::{Event, EventKind, EventLog};
 pub use job::{Job, Order};
 pub use ledger::SceneRow;
+pub use library::Images;
 pub use memory::film_bytes;
 pub use meters::Meters;
 pub use outcome::{Encoded, Outcome, Preview, Record};

@@ -1,7 +1,7 @@
 //! Scenes and images that the server keeps, each imported once, compiled or decoded once.
 
 use super::store::Stored;
-use crate::compile::{self, CompileError, CompiledScene, Hdri};
+use crate::compile::{self, CompileError, CompiledScene, Hdri, MapFiles};
 use crate::params::RenderParams;
 use crate::scene::{Curve, Moment, Primitive, Scene};
 use sha2::{Digest, Sha256};
@@ -23,23 +23,31 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Compiled form of one of the file's scenes in one of its variants, at a moment; locked while it is being made, so that
-/// the next caller waits for it.
+/// What is compiled of a file for one request; locked while it is being made, so that the next caller waits for it.
 type Slot = Arc<Mutex<Option<Arc<CompiledScene>>>>;
 
-/// What a compiled scene depends on.
+/// What a compiled form depends on besides the file.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Key {
     /// Index of one of the file's scenes.
     scene: usize,
     /// Name of the variant.
     variant: Option<String>,
+    /// The request's spheres and overrides as JSON, if there are any.
+    changes: Option<String>,
     /// Animation and time (its bits), if that animation moves any mesh.
     moment: Option<(usize, u64)>,
 }
 
-/// Moments of a scene that are kept compiled, the latest used. There is no end to the moments that clients could name.
-const MAX_MOMENTS: usize = 4;
+impl Key {
+    /// Whether there is no end to the keys like it that clients could name.
+    fn is_passing(&self) -> bool {
+        self.changes.is_some() || self.moment.is_some()
+    }
+}
+
+/// Passing forms of a scene that are kept, the latest used.
+const MAX_PASSING: usize = 4;
 
 /// An imported scene and what has been compiled of it.
 #[derive(Debug)]
@@ -58,18 +66,18 @@ pub struct StoredScene {
 #[derive(Debug, Default)]
 struct Compiled {
     slots: HashMap<Key, Slot>,
-    /// Keys with a moment, the latest used at the end.
-    moments: Vec<Key>,
+    /// Passing keys, the latest used at the end.
+    passing: Vec<Key>,
 }
 
 impl Compiled {
-    /// The slot of a key, which is made if need be. It may push out the moment that was not used for the longest time.
+    /// The slot of a key, which is made if need be. It may push out the passing form that was not used for the longest time.
     fn slot(&mut self, key: Key) -> Slot {
-        if key.moment.is_some() {
-            self.moments.retain(|moment| *moment != key);
-            self.moments.push(key.clone());
-            if self.moments.len() > MAX_MOMENTS {
-                let oldest = self.moments.remove(0);
+        if key.is_passing() {
+            self.passing.retain(|known| *known != key);
+            self.passing.push(key.clone());
+            if self.passing.len() > MAX_PASSING {
+                let oldest = self.passing.remove(0);
                 self.slots.remove(&oldest);
             }
         }
@@ -92,13 +100,17 @@ impl StoredScene {
 
     /// The scene at the moment that a request asks for, and the compiled form of what it shows. Blocks; of several callers
     /// one compiles and the others wait.
-    pub fn compile(&self, params: &RenderParams) -> Result<(Arc<Scene>, Arc<CompiledScene>), CompileError> {
+    pub fn compile(
+        &self,
+        params: &RenderParams,
+        maps: &MapFiles,
+    ) -> Result<(Arc<Scene>, Arc<CompiledScene>), CompileError> {
         let moment = compile::moment(&self.scene, params)?;
         let posed = if moment.is_some() { Arc::new(self.scene.at(moment)) } else { Arc::clone(&self.scene) };
-        let (index, variant) = (params.scene, params.variant.as_deref());
-        let compile = || compile::compile_variant(&posed, index, variant).map(Arc::new);
-        let no_scene = index.is_some_and(|index| index >= self.scene.scenes.len());
-        if no_scene || variant.is_some_and(|name| !self.scene.variants.iter().any(|variant| variant == name)) {
+        let compile = || compile::compile_request(&posed, params, maps).map(Arc::new);
+        let no_scene = params.scene.is_some_and(|index| index >= self.scene.scenes.len());
+        let no_variant = |name: &String| !self.scene.variants.contains(name);
+        if no_scene || params.variant.as_ref().is_some_and(no_variant) {
             // Not kept: the client could name any number of such scenes.
             return compile().map(|compiled| (Arc::clone(&posed), compiled));
         }
@@ -113,7 +125,9 @@ impl StoredScene {
 
     fn key(&self, params: &RenderParams, moment: Option<Moment>) -> Key {
         let moves = |moment: &Moment| self.scene.animations.get(moment.animation).is_some_and(|a| a.moves_meshes);
+        let changed = !params.spheres.is_empty() || !params.overrides.is_empty();
         Key {
+            changes: changed.then(|| serde_json::json!([params.spheres, params.overrides]).to_string()),
             scene: params.scene.or(self.scene.default_scene).unwrap_or(0),
             variant: params.variant.clone(),
             moment: moment.filter(moves).map(|moment| (moment.animation, moment.time.to_bits())),
@@ -137,15 +151,44 @@ impl Stored for StoredScene {
     }
 }
 
-/// A decoded environment picture.
+/// A picture that parameters name.
 #[derive(Debug)]
 pub struct StoredImage {
     /// `sha256-...`
     pub id: String,
     /// Bytes of the upload.
     pub upload_bytes: u64,
-    /// Texels and sampling table.
-    pub hdri: Arc<Hdri>,
+    /// Pixels across and down.
+    pub size: (u32, u32),
+    /// What it can be used for.
+    pub content: ImageContent,
+}
+
+/// What a picture can be used for.
+#[derive(Debug, Clone)]
+pub enum ImageContent {
+    /// An environment: texels and sampling table.
+    Environment(Arc<Hdri>),
+    /// A map of a surface, as it was uploaded.
+    Map(Arc<[u8]>),
+}
+
+impl StoredImage {
+    /// The environment, if it is one.
+    pub fn environment(&self) -> Option<Arc<Hdri>> {
+        match &self.content {
+            ImageContent::Environment(hdri) => Some(Arc::clone(hdri)),
+            ImageContent::Map(_) => None,
+        }
+    }
+
+    /// The map, if it is one.
+    pub fn map(&self) -> Option<Arc<[u8]>> {
+        match &self.content {
+            ImageContent::Map(bytes) => Some(Arc::clone(bytes)),
+            ImageContent::Environment(_) => None,
+        }
+    }
 }
 
 impl Stored for StoredImage {
@@ -154,7 +197,11 @@ impl Stored for StoredImage {
     }
 
     fn bytes(&self) -> u64 {
-        (size_of_val(self.hdri.texels.as_slice()) + size_of_val(self.hdri.cells.as_slice())) as u64
+        let bytes = match &self.content {
+            ImageContent::Environment(hdri) => size_of_val(hdri.texels.as_slice()) + size_of_val(hdri.cells.as_slice()),
+            ImageContent::Map(bytes) => bytes.len(),
+        };
+        bytes as u64
     }
 }
 
@@ -197,6 +244,7 @@ pub fn compiled_bytes(scene: &CompiledScene) -> u64 {
         + size_of_val(scene.instances.as_slice())
         + size_of_val(scene.materials.as_slice())
         + size_of_val(scene.extended.as_slice())
+        + size_of_val(scene.details.as_slice())
         + size_of_val(scene.emitters.as_slice())
         + pages;
     bytes as u64
@@ -216,7 +264,7 @@ mod tests {
         let scene = Scene { animations, scenes: vec![SceneRoot::default()], ..Scene::default() };
         let stored = StoredScene::new("x".into(), scene, 0);
         let params = |json: &str| crate::params::from_json(json).unwrap();
-        let compiled = |json: &str| stored.compile(&params(json)).unwrap().1;
+        let compiled = |json: &str| stored.compile(&params(json), &MapFiles::new()).unwrap().1;
         let rest = compiled("{}");
         assert!(Arc::ptr_eq(&rest, &compiled(r#"{"animation": 1, "time": 3}"#)), "it moves no mesh");
         assert!(!Arc::ptr_eq(&rest, &compiled(r#"{"time": 0}"#)));
@@ -224,9 +272,9 @@ mod tests {
         for time in 0..100 {
             compiled(&format!(r#"{{"time": {time}}}"#));
         }
-        assert_eq!(stored.compiled().slots.len(), 1 + MAX_MOMENTS);
+        assert_eq!(stored.compiled().slots.len(), 1 + MAX_PASSING);
         assert!(stored.is_compiled(&params(r#"{"time": 99}"#)) && !stored.is_compiled(&params(r#"{"time": 2}"#)));
-        assert!(stored.compile(&params(r#"{"animation": "run"}"#)).is_err());
+        assert!(stored.compile(&params(r#"{"animation": "run"}"#), &MapFiles::new()).is_err());
     }
 
     #[test]

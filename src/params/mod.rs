@@ -9,6 +9,7 @@ mod parse;
 mod preview;
 mod query;
 mod strict;
+mod surfaces;
 mod validate;
 
 pub use lights::{LightParams, SpotFalloff};
@@ -18,6 +19,9 @@ pub use preview::{
     ShadowHash, ShadowParams, SpotEdge,
 };
 pub use strict::{JsonError, json};
+pub use surfaces::{
+    Axis, Maps, NormalParams, OverrideParams, ParallaxMethod, ParallaxParams, ReliefParams, SphereParams, TextureParams,
+};
 pub use validate::{FieldError, ParamLimits};
 
 use serde::{Deserialize, Serialize};
@@ -48,6 +52,12 @@ pub struct RenderParams {
     pub lights: Vec<LightParams>,
     /// Whether the lights of the file (KHR_lights_punctual) shine.
     pub scene_lights: bool,
+    /// Spheres added to the file's meshes.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub spheres: Vec<SphereParams>,
+    /// Other values and maps for materials of the file.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub overrides: Vec<OverrideParams>,
     /// Light from infinity. Absent: automatic (neutral when nothing else shines); `null`: none.
     #[serde(skip_serializing_if = "EnvironmentChoice::is_auto")]
     pub environment: EnvironmentChoice,
@@ -68,6 +78,9 @@ pub struct RenderParams {
     /// Energy compensation for multiple scattering in microfacets (docs/accuracy.md). Off: the single-scattering
     /// formulas of the glTF appendix.
     pub multiple_scattering: bool,
+    /// How `mode: direct` shades.
+    #[serde(skip_serializing_if = "DirectParams::is_default")]
+    pub direct: DirectParams,
     /// How `mode: preview` draws.
     pub preview: PreviewParams,
     /// Curve from scene-linear to display-linear.
@@ -92,6 +105,8 @@ impl Default for RenderParams {
             camera: None,
             lights: Vec::new(),
             scene_lights: true,
+            spheres: Vec::new(),
+            overrides: Vec::new(),
             environment: EnvironmentChoice::Auto,
             max_samples: 256,
             adaptive: true,
@@ -101,6 +116,7 @@ impl Default for RenderParams {
             seed: 1,
             filter: Filter::default(),
             multiple_scattering: true,
+            direct: DirectParams::default(),
             preview: PreviewParams::default(),
             tone_mapping: ToneMapping::Aces,
             exposure: 0.0,
@@ -129,6 +145,41 @@ pub enum Mode {
     Direct,
     /// Rasterised: light straight from punctual lights and the environment, shadow maps ([`PreviewParams`]).
     Preview,
+}
+
+/// How `mode: direct` shades.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DirectParams {
+    /// Reflection of surfaces.
+    pub shading: DirectShading,
+    /// Strength of Phong's highlight.
+    pub specular: f32,
+}
+
+impl Default for DirectParams {
+    fn default() -> Self {
+        Self { shading: DirectShading::Pbr, specular: 0.5 }
+    }
+}
+
+impl DirectParams {
+    /// Whether all is as if it had been left out.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// Reflection of surfaces in `mode: direct`.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DirectShading {
+    /// As in `mode: path`; mirrors are surfaces of roughness 0.
+    #[default]
+    Pbr,
+    /// Phong's: a mirror of the surface's reflectivity, and of what it leaves Lambert and `specular (R.V)^s` over pi, where the
+    /// roughness says how narrow the highlight is.
+    Phong,
 }
 
 /// Which engine traces.

@@ -24,7 +24,7 @@ pub struct Prepared {
 /// Adds the light and the camera of a request to a scene.
 ///
 /// `scene` stands as [`Scene::at`] the [`compile::moment`] of `params` poses it; `compiled` is what
-/// [`compile::compile_variant`] made of it; `hdri` is the picture that
+/// [`compile::compile_request`] made of it; `hdri` is the picture that
 /// `params.environment` names. `params` have been validated.
 ///
 /// # Errors
@@ -117,6 +117,7 @@ impl From<&RenderParams> for Settings {
             adaptive: params.adaptive && !is_preview,
             target_error: params.target_error.filter(|_| !is_preview),
             deadline: params.deadline_ms.map(Duration::from_millis),
+            direct: params.direct,
             preview: params.preview,
         }
     }

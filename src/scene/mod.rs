@@ -116,7 +116,7 @@ pub struct Primitive {
     /// xyz of unit length (or zero: none could be made), w the sign of the bitangent. Present only if the material reads
     /// tangents and the primitive has texture coordinates for them.
     pub tangents: Option<Vec<Vec4>>,
-    /// Texture coordinates that the material reads, by `TextureRef::uv_set`.
+    /// Texture coordinates that the material reads, by `TextureRef::uv_set`; beyond those the file's first set, if it has one.
     pub uvs: Vec<Vec<Vec2>>,
     /// Linear RGBA (COLOR_0), each 0 to 1; none: white.
     pub colors: Option<Vec<Vec4>>,
@@ -187,6 +187,8 @@ pub struct Material {
     pub unlit: bool,
     /// What extensions add; none: nothing.
     pub extended: Option<Arc<Extended>>,
+    /// Index into [`Primitive::uvs`] of the file's first set of texture coordinates, for maps that a request brings.
+    pub first_uv: usize,
 }
 
 impl Default for Material {
@@ -207,6 +209,7 @@ impl Default for Material {
             double_sided: false,
             unlit: false,
             extended: None,
+            first_uv: 0,
         }
     }
 }

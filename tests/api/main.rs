@@ -21,3 +21,4 @@ mod scenes;
 mod shutdown;
 mod strict;
 mod support;
+mod surfaces;

@@ -34,7 +34,7 @@ pub fn write(folder: &Path) -> [PathBuf; 2] {
         "scenes": [{ "nodes": [0] }],
         "nodes": [{ "mesh": 0 }],
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": 0 }] }],
-        "materials": [{ "pbrMetallicRoughness": { "baseColorFactor": [0.2, 0.4, 0.8, 1], "metallicFactor": 0 } }],
+        "materials": [{ "name": "paint", "pbrMetallicRoughness": { "baseColorFactor": [0.2, 0.4, 0.8, 1], "metallicFactor": 0 } }],
         "accessors": [
             { "bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3",
               "min": [-0.5, -0.5, -0.5], "max": [0.5, 0.5, 0.5] },

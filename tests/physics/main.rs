@@ -10,5 +10,7 @@ mod invariance;
 mod materials;
 mod parts;
 mod preview;
+mod reliefs;
+mod spheres;
 mod stability;
 mod third_party;

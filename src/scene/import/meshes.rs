@@ -249,7 +249,7 @@ mod tests {
         let scene = scene_of(&builder);
         let primitive = &scene.meshes[0].primitives[0];
         let shown = |variant| (primitive.of_variant(variant).material, primitive.of_variant(variant).uvs.len());
-        assert_eq!([shown(None), shown(Some(0)), shown(Some(1))], [(Some(0), 0), (Some(0), 0), (Some(1), 1)]);
+        assert_eq!([shown(None), shown(Some(0)), shown(Some(1))], [(Some(0), 1), (Some(0), 1), (Some(1), 2)]);
         assert_eq!(scene.images[0].bytes.as_ref(), PNG);
         builder.json["meshes"][0]["primitives"][0]["extensions"] = mapping(json!([2]));
         let place = "/meshes/0/primitives/0/extensions/KHR_materials_variants/mappings/0/variants/0";

@@ -2,7 +2,7 @@
 
 use super::accessor::open;
 use super::document::escape;
-use super::materials::ReadMaterial;
+use super::materials::{ReadMaterial, UV_SETS};
 use super::meshes::{Decoder, Source};
 use super::number::not_finite;
 use super::tangents;
@@ -76,7 +76,7 @@ impl Decoder<'_> {
         Ok(Some(colors).filter(|colors| colors.iter().any(|color| *color != Vec4::ONE)))
     }
 
-    /// Texture coordinates in the material's numbering.
+    /// Texture coordinates in the material's numbering, and [`crate::scene::Material::first_uv`].
     pub(super) fn uvs(
         &mut self,
         source: Source<'_>,
@@ -84,13 +84,17 @@ impl Decoder<'_> {
         count: usize,
     ) -> Result<Vec<Vec<Vec2>>, SceneError> {
         let mut uvs = Vec::new();
-        for set in material.map_or(&[][..], |material| &material.uv_sets) {
+        let sets = material.map_or(&[][..], |material| &material.uv_sets);
+        for set in sets {
             let uv = self.attribute(source, &format!("TEXCOORD_{set}"))?;
             if uv.is_none() {
                 let detail = format!("the material reads TEXCOORD_{set}, which the primitive lacks; (0, 0) is used");
                 self.warnings.add("uv_missing", format!("{}/material", source.place), detail);
             }
             uvs.push(uv.unwrap_or_else(|| vec![Vec2::ZERO; count]));
+        }
+        if material.is_some() && sets.len() < UV_SETS && !sets.contains(&0) {
+            uvs.extend(self.attribute(source, "TEXCOORD_0")?);
         }
         Ok(uvs)
     }
@@ -142,7 +146,7 @@ mod tests {
         let primitive = &textured.meshes[0].primitives[0];
         assert_eq!(
             (primitive.uvs.len(), primitive.uvs[0][0], primitive.tangents.is_none()),
-            (1, Vec2::splat(0.5), true)
+            (2, Vec2::splat(0.5), true)
         );
         assert_eq!(textured.images[0].bytes.as_ref(), PNG);
     }
@@ -164,7 +168,7 @@ mod tests {
         }
         let missing = scene_of(&with_material(full(), &json!({"normalTexture": {"index": 0, "texCoord": 1}})));
         let primitive = &missing.meshes[0].primitives[0];
-        assert_eq!(primitive.uvs, [vec![Vec2::ZERO; 3]]);
+        assert_eq!(primitive.uvs[0], vec![Vec2::ZERO; 3]);
         assert!(missing.warnings.iter().any(|warning| warning.code == "uv_missing"));
     }
 
