@@ -53,10 +53,8 @@ pub struct RenderParams {
     /// Whether the lights of the file (KHR_lights_punctual) shine.
     pub scene_lights: bool,
     /// Spheres added to the file's meshes.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub spheres: Vec<SphereParams>,
     /// Other values and maps for materials of the file.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub overrides: Vec<OverrideParams>,
     /// Light from infinity. Absent: automatic (neutral when nothing else shines); `null`: none.
     #[serde(skip_serializing_if = "EnvironmentChoice::is_auto")]
@@ -79,7 +77,6 @@ pub struct RenderParams {
     /// formulas of the glTF appendix.
     pub multiple_scattering: bool,
     /// How `mode: direct` shades.
-    #[serde(skip_serializing_if = "DirectParams::is_default")]
     pub direct: DirectParams,
     /// How `mode: preview` draws.
     pub preview: PreviewParams,
@@ -160,13 +157,6 @@ pub struct DirectParams {
 impl Default for DirectParams {
     fn default() -> Self {
         Self { shading: DirectShading::Pbr, specular: 0.5 }
-    }
-}
-
-impl DirectParams {
-    /// Whether all is as if it had been left out.
-    pub fn is_default(&self) -> bool {
-        *self == Self::default()
     }
 }
 
