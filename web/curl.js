@@ -13,19 +13,20 @@ function filePart(name, path) {
 }
 
 /**
- * `files`: paths of the scene's files, the model first; `hdri`: name of the environment's file, if it has one;
- * `params`: as requested, with the environment named by id.
+ * `files`: paths of the scene's files, the model first; `images`: `{id, name}` of the environment's file and the surfaces' maps;
+ * `params`: as requested, with these named by id.
  */
-export function curlCommand({ origin, files, hdri, params }) {
-  const named = hdri ? { ...params, environment: { ...params.environment, hdri } } : params;
+export function curlCommand({ origin, files, images, params }) {
+  const names = new Map(images.map(({ id, name }) => [id, name]));
+  const named = JSON.stringify(params, (_, value) => names.get(value) ?? value);
   const stem = files[0]
     .split("/")
     .pop()
     .replace(/\.[^.]*$/, "");
   return [
     `curl ${files.map((path) => filePart("scene", path)).join(" ")}`,
-    ...(hdri ? [filePart("image", hdri)] : []),
-    `-F ${shellWord(`params=${JSON.stringify(named)}`)}`,
+    ...[...new Set(names.values())].map((name) => filePart("image", name)),
+    `-F ${shellWord(`params=${named}`)}`,
     shellWord(`${origin}/v1/render`),
     `-o ${shellWord(`${stem}.png`)}`,
   ].join(" \\\n  ");

@@ -12,9 +12,11 @@ import { DropZone, modelFirst } from "./ui/drop-zone.js";
 import { EnvironmentPanel } from "./ui/environment-panel.js";
 import { ExportBar, save } from "./ui/export-bar.js";
 import { LightList } from "./ui/light-list.js";
+import { MotionPanel } from "./ui/motion-panel.js";
 import { Notices } from "./ui/notices.js";
 import { SettingsPanel } from "./ui/settings-panel.js";
 import { StatusBar } from "./ui/status-bar.js";
+import { overrideList, sphereList } from "./ui/surface-list.js";
 import { Viewport } from "./ui/viewport.js";
 
 /** A hand that is still for so long rests: time for full quality. */
@@ -41,7 +43,12 @@ class Controller {
       (live) => this.#changed(live),
       () => this.#frame(),
     );
+    this.motion = new MotionPanel(byId("motion-section"), byId("motion"), (live) => this.#changed(live));
     this.lights = new LightList(byId("lights"), (sceneLights, live) => this.#set({ scene_lights: sceneLights }, live));
+    const surfaceChanged = (live) => this.#changed(live);
+    const map = (file) => this.#uploadMap(file);
+    this.spheres = sphereList(byId("spheres"), surfaceChanged, map);
+    this.overrides = overrideList(byId("materials"), surfaceChanged, map);
     this.environment = new EnvironmentPanel(
       byId("environment"),
       (live) => this.#changed(live),
@@ -115,7 +122,10 @@ class Controller {
     byId("model-name").textContent = files[0].path;
     document.title = `${files[0].path} – Candela`;
     this.camera.open(scene, Orbit.framing(scene.bounds, this.#aspect()));
+    this.motion.open(scene);
     this.lights.open(scene);
+    this.spheres.open(scene);
+    this.overrides.open(scene);
     this.environment.open(environment);
     this.settings = { ...this.settings, scene_lights: true };
     this.exports.nameable = true;
@@ -173,7 +183,10 @@ class Controller {
     return requestParams({
       settings: this.settings,
       camera: this.camera.camera,
+      motion: this.motion.motion,
       lights: this.lights.lights,
+      spheres: this.spheres.items,
+      overrides: this.overrides.items,
       environment: this.environment.environment,
     });
   }
@@ -230,6 +243,17 @@ class Controller {
     }
   }
 
+  /** Answers what a surface's card shows of it. */
+  async #uploadMap(file) {
+    const goBack = this.#pauseToRead(file.name);
+    try {
+      return { id: await uploadImage(file), name: file.name };
+    } catch (problem) {
+      goBack(problem);
+      return undefined;
+    }
+  }
+
   #traceDrafts() {
     this.settings = { ...this.settings, moving: "traced" };
     document.querySelector("[data-setting=moving] select").value = "traced";
@@ -257,10 +281,12 @@ class Controller {
 
   #curl() {
     const { kind, hdri } = this.environment.environment;
+    const surfaces = [...this.spheres.items, ...this.overrides.items].filter(({ on }) => on);
+    const maps = surfaces.flatMap(({ texture, detail, relief }) => [texture, detail === "none" ? null : relief]);
     return curlCommand({
       origin: window.location.origin,
       files: this.files.map(({ path }) => path),
-      hdri: kind === "hdri" && hdri ? hdri.name : null,
+      images: [kind === "hdri" ? hdri : null, ...maps].filter((image) => image),
       params: this.#params(),
     });
   }

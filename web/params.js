@@ -83,6 +83,27 @@ function lightParams(light) {
   return { type: light.type, ...different(light, LIGHT_FIELDS[light.type]) };
 }
 
+/** The maps of a sphere or a material, by the ids of their pictures. */
+function mapParams({ texture, detail, relief, scale, method }) {
+  const maps = texture ? { texture: { image: texture.id } } : {};
+  if (detail === "none" || !relief) return maps;
+  const map = { image: relief.id, scale, ...(detail === "parallax" && different({ method }, { method: "relief" })) };
+  return { ...maps, [detail]: map };
+}
+
+const given = (values) => Object.fromEntries(Object.entries(values).filter(([, value]) => value !== null));
+
+function sphereParams(sphere) {
+  const { center, radius, color, metallic, roughness, reflectivity } = sphere;
+  return { center, radius, color, metallic, roughness, ...given({ reflectivity }), ...mapParams(sphere) };
+}
+
+/** The first of a material's name counts. */
+function overrideParams(override) {
+  const { material, color, metallic, roughness } = override;
+  return { material, ...given({ color, metallic, roughness }), ...mapParams(override) };
+}
+
 /** `undefined`: automatic. */
 function environmentParams(environment) {
   const { kind } = environment;
@@ -111,12 +132,18 @@ function nested(flat) {
   return root;
 }
 
-/** The request's `params`. `settings` as START, `camera`, `lights` and `environment` as their panels hold them. */
-export function requestParams({ settings, camera, lights, environment }) {
-  const params = different(settings, DEFAULTS);
+/** The request's `params`. `settings` as START, the others as their panels hold them. */
+export function requestParams({ settings, camera, motion, lights, spheres, overrides, environment }) {
+  const params = { ...different(settings, DEFAULTS), ...different(motion, { time: null, animation: null }) };
   params.camera = cameraParams(camera);
   const shining = lights.filter((light) => light.on).map(lightParams);
   if (shining.length > 0) params.lights = shining;
+  const there = spheres.filter((sphere) => sphere.on).map(sphereParams);
+  if (there.length > 0) params.spheres = there;
+  const changed = overrides.filter(
+    ({ on, material }, i) => on && overrides.findIndex((other) => other.on && other.material === material) === i,
+  );
+  if (changed.length > 0) params.overrides = changed.map(overrideParams);
   const sky = environmentParams(environment);
   if (sky !== undefined) params.environment = sky;
   if (settings.transparent) params.output = { transparent: true };

@@ -5,6 +5,7 @@ pub mod adaptive;
 pub mod agreement;
 mod cases;
 pub mod coverage;
+pub mod detail;
 pub mod error;
 pub mod http;
 pub mod memory;

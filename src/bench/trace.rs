@@ -115,7 +115,7 @@ fn mesh(demo: &str) -> Result<Scene> {
     let bytes = crate::demo::by_name(demo).with_context(|| format!("no demo {demo}"))?;
     let package = Package::from_bytes(bytes, &Limits::default())?;
     let mut scene = scene::import(&package, &Limits::default())?;
-    for primitive in scene.meshes.iter_mut().flat_map(|mesh| &mut mesh.primitives) {
+    for primitive in Arc::make_mut(&mut scene.meshes).iter_mut().flat_map(|mesh| &mut mesh.primitives) {
         primitive.normals = None;
     }
     Ok(scene)

@@ -3,6 +3,7 @@
 use super::Failure;
 use crate::bench;
 use crate::params::{self, EngineChoice};
+use crate::render::Engines;
 use crate::render::gpu::GpuEngine;
 use anyhow::{Result, anyhow};
 use clap::{Args, Subcommand};
@@ -126,6 +127,17 @@ enum What {
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
+    /// Height, normal and parallax maps: time by load, error against real relief.
+    Detail {
+        /// Pixels a side.
+        #[arg(long, default_value_t = 192, value_parser = clap::value_parser!(u32).range(8..))]
+        side: u32,
+        #[command(flatten)]
+        rounds: Rounds,
+        /// Folder for detail.svg and detail.png.
+        #[arg(long, default_value = ".", value_name = "FOLDER")]
+        folder: PathBuf,
+    },
     /// The preview engine over HTTP: from POST to PNG, by stage.
     Preview {
         /// GLB files to measure beside the demos.
@@ -196,6 +208,16 @@ fn measure(what: &What) -> Result<()> {
             let mut engine = GpuEngine::new()?;
             writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(engine.device()), rounds.rounds)?;
             bench::preview::shadows::run(&mut engine, models, *side, rounds.rounds, folder, &mut out)?;
+        }
+        What::Detail { side, rounds, folder } => {
+            let mut engines = Engines::new();
+            writeln!(
+                out,
+                "On {}; best of {} interleaved rounds.\n",
+                bench::machine(GpuEngine::new()?.device()),
+                rounds.rounds
+            )?;
+            bench::detail::run(&mut engines, *side, rounds.rounds, folder, &mut out)?;
         }
         What::Preview { models, rounds } => {
             writeln!(out, "On {}; medians of {}.\n", bench::machine(GpuEngine::new()?.device()), rounds.rounds)?;

@@ -151,6 +151,9 @@ impl Uploads<'_> {
                 environment.hdri = Some(id);
             }
         }
+        for (_, file) in params.map_names_mut() {
+            *file = self.image(file)?;
+        }
         let Item { name, priority, .. } = item;
         Ok(format!("{}\n", json!({ "scene": scene, "name": name, "params": params, "priority": priority })))
     }
@@ -172,7 +175,7 @@ impl Uploads<'_> {
         if let Some(id) = self.images.get(file) {
             return Ok(id.clone());
         }
-        let bytes = std::fs::read(file).map_err(|error| Failure::Request(format!("environment {file}: {error}")))?;
+        let bytes = std::fs::read(file).map_err(|error| Failure::Request(format!("image {file}: {error}")))?;
         let headers = [("content-type", "application/octet-stream")];
         let id = text(&self.remote.json("POST", "/v1/images", &headers, &bytes)?, "id")?;
         self.images.insert(file.to_owned(), id.clone());

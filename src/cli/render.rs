@@ -4,13 +4,14 @@ use super::progress::Bar;
 use super::request::{Request, Target, request};
 use super::summary::Summary;
 use super::{Failure, demo, manifest};
-use crate::compile::{self, CompiledScene, Hdri};
+use crate::compile::{self, Hdri, MapFiles};
 use crate::film::{self, Aov, Aovs};
+use crate::jobs::StoredScene;
 use crate::params::{EnvironmentChoice, RenderParams};
 use crate::render::prepare::{Prepared, prepare, render_to_end};
 use crate::render::report::{Report, Stages};
 use crate::render::{Engine, Engines, RenderError};
-use crate::scene::{self, Package, Scene};
+use crate::scene::{self, Package};
 use clap::Args;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -108,52 +109,39 @@ fn check_aovs(aovs: &[(Aov, PathBuf)], params: &RenderParams) -> Result<(), Fail
     Ok(())
 }
 
-/// Index of the glTF scene, and name of the variant.
-type Part = (Option<usize>, Option<String>);
-
-/// The scene that was read last and what was compiled of it: the pictures of a manifest mostly share theirs.
+/// The scene that was read last, with what was compiled of it: the pictures of a manifest mostly share theirs.
 #[derive(Default)]
-pub struct Stage {
-    scene: Option<(String, Arc<Scene>)>,
-    compiled: Option<(Part, Arc<CompiledScene>)>,
-}
+pub struct Stage(Option<StoredScene>);
 
 impl Stage {
     /// Scene and environment, read and compiled.
-    pub fn load(&mut self, scene: &str, params: &RenderParams) -> Result<(Prepared, Stages), Failure> {
+    pub fn load(&mut self, name: &str, params: &RenderParams) -> Result<(Prepared, Stages), Failure> {
         let mut stages = Stages::default();
         let begun = Instant::now();
-        let faulty = |fault: String| Failure::Request(format!("{scene}: {fault}"));
-        let imported = self.import(scene)?;
-        let hdri = hdri(params)?;
+        let scene = self.import(name)?;
+        let (hdri, maps) = (hdri(params)?, maps(params)?);
         stages.import = seconds(begun);
         let begun = Instant::now();
-        let part = (params.scene, params.variant.clone());
-        let compiled = match self.compiled.take() {
-            Some((of, compiled)) if of == part => compiled,
-            _ => {
-                let compiled = compile::compile_variant(&imported, params.scene, params.variant.as_deref());
-                Arc::new(compiled.map_err(|error| faulty(error.to_string()))?)
-            }
-        };
-        self.compiled = Some((part, Arc::clone(&compiled)));
-        let prepared = prepare(&imported, compiled, params, hdri).map_err(|error| faulty(error.to_string()))?;
+        let faulty = |fault: String| Failure::Request(format!("{name}: {fault}"));
+        let (posed, compiled) = scene.compile(params, &maps).map_err(|error| faulty(error.to_string()))?;
+        let prepared = prepare(&posed, compiled, params, hdri).map_err(|error| faulty(error.to_string()))?;
         stages.compile = seconds(begun);
         Ok((prepared, stages))
     }
 
-    fn import(&mut self, name: &str) -> Result<Arc<Scene>, Failure> {
-        if let Some((_, scene)) = self.scene.as_ref().filter(|(known, _)| known == name) {
-            return Ok(Arc::clone(scene));
-        }
+    fn import(&mut self, name: &str) -> Result<&StoredScene, Failure> {
         // Two scenes at a time are one too many for a large one.
-        *self = Self::default();
-        let limits = scene::Limits::default();
-        let imported = scene::import(&package(name, &limits)?, &limits);
-        let imported = Arc::new(imported.map_err(|error| Failure::Request(format!("{name}: {}", located(&error))))?);
-        self.scene = Some((name.to_owned(), Arc::clone(&imported)));
-        Ok(imported)
+        let kept = self.0.take().filter(|scene| scene.id == name);
+        let scene = if let Some(scene) = kept { scene } else { read(name)? };
+        Ok(self.0.insert(scene))
     }
+}
+
+fn read(name: &str) -> Result<StoredScene, Failure> {
+    let limits = scene::Limits::default();
+    let imported = scene::import(&package(name, &limits)?, &limits);
+    let imported = imported.map_err(|error| Failure::Request(format!("{name}: {}", located(&error))))?;
+    Ok(StoredScene::new(name.to_owned(), imported, 0))
 }
 
 /// The files of a scene, or of a demo.
@@ -179,6 +167,15 @@ fn hdri(params: &RenderParams) -> Result<Option<Arc<Hdri>>, Failure> {
     compile::decode_hdri(&bytes, compile::ENVIRONMENT_PIXELS)
         .map(|hdri| Some(Arc::new(hdri)))
         .map_err(|error| faulty(error.to_string()))
+}
+
+/// The pictures of spheres and overrides, which are files here.
+fn maps(params: &RenderParams) -> Result<MapFiles, Failure> {
+    let read = |name: &str| {
+        let bytes = std::fs::read(name).map_err(|error| Failure::Request(format!("image {name}: {error}")))?;
+        Ok((name.to_owned(), Arc::from(bytes)))
+    };
+    params.map_names().into_iter().map(read).collect()
 }
 
 /// Traces and encodes.

@@ -6,7 +6,7 @@ use super::geometry::Soup;
 use super::groups::{Group, corner_points};
 use super::materials::Table;
 use super::{Bounds, BvhNode, CompiledScene, Instance, Triangle};
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
@@ -25,7 +25,7 @@ pub struct Bottom {
 impl Soup {
     /// Builds the tree and brings the triangles into its order.
     fn build(self) -> Bottom {
-        let boxes: Vec<Bounds> = self.triangles.iter().map(triangle_bounds).collect();
+        let boxes: Vec<Bounds> = self.triangles.iter().map(Triangle::bounds).collect();
         let tree = bvh::build(&boxes);
         let mut bottom =
             Bottom { bounds: boxes.iter().fold(Bounds::default(), |a, b| a.union(*b)), ..Bottom::default() };
@@ -42,10 +42,6 @@ impl Soup {
         bottom.tree = tree;
         bottom
     }
-}
-
-fn triangle_bounds(triangle: &Triangle) -> Bounds {
-    [triangle.v0, triangle.v1, triangle.v2].map(Vec3::from_array).into_iter().fold(Bounds::default(), Bounds::with)
 }
 
 /// An instance before the top level orders it.

@@ -1,10 +1,10 @@
 //! The camera of a request: of the scene, given in place, in orbit, or framed automatically.
 
 use super::framing::{self, Axes};
-use super::walk::{Placed, camera_nodes};
+use super::walk::camera_nodes;
 use super::{CompileError, CompiledScene, DefaultTaken, Lens, View};
 use crate::params::{CameraParams, FieldError, OrbitParams, RenderParams};
-use crate::scene::{Projection, Scene};
+use crate::scene::{Placed, Projection, Scene};
 use glam::{Affine3A, DVec3, Mat3A};
 use serde_json::json;
 

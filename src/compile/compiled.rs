@@ -27,9 +27,11 @@ pub struct CompiledScene {
     pub materials: Vec<Material>,
     /// What extensions add to some of them.
     pub extended: Vec<Extended>,
+    /// Reliefs of some of them.
+    pub details: Vec<Detail>,
     /// sRGB texels (base colour, emission), RGBA8, pages of `page_size`^2.
     pub color_pages: TexturePages,
-    /// Linear texels (metallic-roughness, normals), RGBA8.
+    /// Linear texels (metallic-roughness, normals; heights in two bytes: red times 256 and green), RGBA8.
     pub data_pages: TexturePages,
     /// Smallest perceptual roughness that a lit material in use can have somewhere; 1 if there is none.
     pub min_roughness: f32,
@@ -50,6 +52,8 @@ pub struct CompileStats {
     pub triangles: u64,
     /// Triangles counted per instance.
     pub instanced_triangles: u64,
+    /// Spheres.
+    pub spheres: u64,
     /// Triangles of no area, left out.
     pub degenerate_triangles: u64,
     /// Instances of the top level.
@@ -89,7 +93,7 @@ pub struct BvhNode {
     pub words: [u32; 20],
 }
 
-/// A triangle as the traversal reads it.
+/// A triangle as the traversal reads it; or a sphere ([`Triangle::SPHERE`]): centre in `v0`, radius and number of the axis in `v1`.
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Triangle {
@@ -110,6 +114,27 @@ pub struct Triangle {
 impl Triangle {
     /// Bit of `material`: the triangle may be transparent.
     pub const ALPHA: u32 = 1 << 31;
+    /// Bit of `material`: it is no triangle but a sphere.
+    pub const SPHERE: u32 = 1 << 30;
+
+    /// Index into `materials`.
+    pub fn material(&self) -> usize {
+        (self.material & !(Self::ALPHA | Self::SPHERE)) as usize
+    }
+
+    /// Whether it is a sphere.
+    pub fn is_sphere(&self) -> bool {
+        self.material & Self::SPHERE != 0
+    }
+
+    /// The box around it.
+    pub fn bounds(&self) -> Bounds {
+        if self.is_sphere() {
+            let (center, radius) = (Vec3::from_array(self.v0).as_dvec3(), f64::from(self.v1[0]));
+            return Bounds::outwards(center - radius, center + radius);
+        }
+        [self.v0, self.v1, self.v2].map(Vec3::from_array).into_iter().fold(Bounds::default(), Bounds::with)
+    }
 }
 
 /// Word offsets of the attributes in a vertex record; [`NONE`]: no drawn mesh has it.
@@ -178,6 +203,10 @@ pub struct Material {
     pub metallic_roughness_texture: TextureSlot,
     /// Linear.
     pub normal_texture: TextureSlot,
+    /// One more than the index into `CompiledScene::details`, or 0.
+    pub detail: u32,
+    /// Unused.
+    pub pad: [u32; 3],
 }
 
 impl Material {
@@ -195,6 +224,37 @@ impl Material {
         let place = self.flags >> Self::EXTENDED_SHIFT;
         place.checked_sub(1).and_then(|index| scene.extended.get(index as usize))
     }
+}
+
+/// Relief of a material, as kernels read it.
+#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Detail {
+    /// [`Detail::HEIGHT`] and so on.
+    pub kind: u32,
+    /// Factor on normals, or the height of white above black in scene units.
+    pub scale: f32,
+    /// Steps of a search.
+    pub steps: u32,
+    /// Unused.
+    pub pad: u32,
+    /// Linear texels.
+    pub map: TextureSlot,
+}
+
+impl Detail {
+    /// Heights bend normals.
+    pub const HEIGHT: u32 = 0;
+    /// Normals take the place of normals.
+    pub const NORMAL: u32 = 1;
+    /// Heights, seen one step along the view.
+    pub const OFFSET: u32 = 2;
+    /// The same, no longer than the height.
+    pub const OFFSET_LIMITED: u32 = 3;
+    /// Heights, searched in steps.
+    pub const STEEP: u32 = 4;
+    /// The same, refined.
+    pub const RELIEF: u32 = 5;
 }
 
 /// Where the texels of a texture lie and how they are read.

@@ -3,7 +3,7 @@
 use super::assemble::Bottom;
 use super::texels::{TexelCounts, Texels};
 use super::vertices::Placement;
-use super::{Emitter, Material, TexturePages, Triangle};
+use super::{Emitter, Material, TexturePages};
 use glam::{DAffine3, Vec2, Vec3};
 use std::sync::LazyLock;
 
@@ -93,7 +93,7 @@ pub fn of_instance<'a>(
     let placement = Placement::new(world);
     bottom.lit.iter().map(move |(index, luminance)| {
         let triangle = &bottom.triangles[*index as usize];
-        let material = (triangle.material & !Triangle::ALPHA) as usize;
+        let material = triangle.material();
         let [a, b, c] = [triangle.v0, triangle.v1, triangle.v2]
             .map(|v| placement.map.transform_point3(Vec3::from_array(v).as_dvec3()));
         Emitter {

@@ -1,8 +1,9 @@
 //! What extensions add to a material, as kernels read it.
 
 use super::TextureSlot;
+use super::look::Look;
 use super::textures::{Space, Textures};
-use crate::scene::{self, Scene, TextureRef, Volume};
+use crate::scene::{self, TextureRef, Volume};
 use bytemuck::{Pod, Zeroable};
 
 /// Colours darker than this count as this: what is wholly absorbed has no coefficient.
@@ -102,7 +103,7 @@ impl Extended {
         whole && !sheen && lobes.iter().all(|strength| *strength == 0.0)
     }
 
-    pub(super) fn new(scene: &Scene, source: &scene::Extended, textures: &Textures) -> Self {
+    pub(super) fn new(look: &Look, source: &scene::Extended, textures: &Textures) -> Self {
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
         let without_texture = source.iridescence_thickness_texture.is_none();
         let thickest = source.iridescence_thickness[1];
@@ -127,7 +128,7 @@ impl Extended {
             iridescence_thickness: if without_texture { [thickest; 2] } else { source.iridescence_thickness },
             diffuse_transmission_color: source.diffuse_transmission_color.to_array(),
             diffuse_transmission: source.diffuse_transmission,
-            textures: uses(source).map(|(space, use_)| textures.slot(scene, space, use_)),
+            textures: uses(source).map(|(space, use_)| textures.slot(look, space, use_)),
         }
     }
 }

@@ -54,6 +54,10 @@ pub struct Features {
     pub anisotropy: bool,
     /// Some material has a thin film.
     pub iridescence: bool,
+    /// There are spheres.
+    pub spheres: bool,
+    /// Some material has a relief.
+    pub detail: bool,
     /// There are punctual lights.
     pub punctual: bool,
     /// There are emitting triangles.
@@ -98,6 +102,8 @@ pub fn features(scene: &CompiledScene, lighting: &Lighting, view: &View, params:
         sheen: extension(&|extended| extended.sheen_color.iter().any(|channel| *channel > 0.0)),
         anisotropy: extension(&|extended| extended.anisotropy > 0.0),
         iridescence: extension(&|extended| extended.iridescence > 0.0),
+        spheres: scene.stats.spheres > 0,
+        detail: !scene.details.is_empty(),
         punctual: !lighting.lights.is_empty(),
         emitters: path && !scene.emitters.is_empty(),
         environment: environment_code(&lighting.environment),

@@ -4,14 +4,15 @@ use super::alpha::{AlphaTest, Presence};
 use super::assemble::assemble;
 use super::emitters::Emission;
 use super::groups::{Group, Groups, too_large};
+use super::look::{Look, MapFiles, Sphere};
 use super::materials::{self, Key, Table};
 use super::textures::{Space, Textures};
 use super::vertices::{self, Placement, UV_SETS};
-use super::walk::invalid;
+use super::walk::{chosen_scene, invalid};
 use super::{CompileError, CompileStats, CompiledScene, NONE, Triangle};
-use crate::params::FieldError;
+use crate::params::{FieldError, RenderParams};
 use crate::scene::{Mesh, Primitive, Scene, SceneError, TextureRef};
-use glam::{DAffine3, Vec2, Vec3};
+use glam::{DAffine3, DVec3, Vec2, Vec3};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
@@ -24,36 +25,38 @@ const MAX_EMITTERS: u64 = 1 << 26;
 /// [`CompileError::Params`] if there is no scene of that index, [`CompileError::Scene`] if an image cannot be decoded
 /// or the scene is beyond a limit.
 pub fn compile_scene(scene: &Scene, scene_index: Option<usize>) -> Result<CompiledScene, CompileError> {
-    compile_variant(scene, scene_index, None)
+    let params = RenderParams { scene: scene_index, ..RenderParams::default() };
+    compile_request(scene, &params, &MapFiles::new())
 }
 
-/// The same with the materials of a variant, by its name; none: the default ones.
+/// Compiles what a request shows of a file: one of its scenes, in a variant, with other values and maps for some materials, and
+/// spheres. `files` has the pictures that the parameters name.
 ///
 /// # Errors
-/// Those of [`compile_scene`], and [`CompileError::Params`] if the file has no variant of that name.
-pub fn compile_variant(
-    scene: &Scene,
-    scene_index: Option<usize>,
-    variant: Option<&str>,
-) -> Result<CompiledScene, CompileError> {
-    let variant = variant.map(|name| variant_index(scene, name)).transpose()?;
-    let groups = Groups::new(scene, scene_index, variant)?;
+/// Those of [`compile_scene`], and [`CompileError::Params`] if the file has no variant or material of a name.
+pub fn compile_request(scene: &Scene, params: &RenderParams, files: &MapFiles) -> Result<CompiledScene, CompileError> {
+    let variant = params.variant.as_deref().map(|name| variant_index(scene, name)).transpose()?;
+    let drawn = scene.drawn(chosen_scene(scene, params.scene)?)?;
+    let groups = Groups::new(&drawn, variant);
     groups.check_size()?;
-    let origin = groups.centre()?;
-    let keys = groups.primitives().map(|primitive| primitive.material).collect();
-    let uses = texture_uses(scene, &keys);
-    let uv_sets = uv_sets(&uses)?;
-    let textures = Textures::decode(scene, &uses)?;
-    let table = Table::new(scene, &keys, &textures);
-    let sources: BTreeMap<Key, _> = keys.iter().map(|key| (*key, materials::source(scene, *key))).collect();
-    let drawn = groups.primitives().map(|primitive| (primitive, &sources[&primitive.material]));
-    let layout = vertices::layout(drawn, uv_sets);
+    let look = Look::new(scene, params, files)?;
+    let origin = groups.centre(&look.spheres)?;
+    let mut keys: BTreeSet<Key> = groups.primitives().map(|primitive| primitive.material).collect();
+    let uv_sets = uv_sets(&texture_uses(&look, &keys))?;
+    let sources: BTreeMap<Key, _> = keys.iter().map(|key| (*key, materials::source(&look, *key))).collect();
+    keys.extend(look.spheres.iter().map(|sphere| Some(sphere.material)));
+    let uses = texture_uses(&look, &keys);
+    let textures = Textures::decode(&look, &uses)?;
+    let table = Table::new(&look, &keys, &textures);
+    let primitives = groups.primitives().map(|primitive| (primitive, &sources[&primitive.material]));
+    let layout = vertices::layout(primitives, uv_sets);
     groups.check_vertices(&layout)?;
 
     let surfaces =
         Surfaces { table: &table, variant, alpha: table.alpha_tests(&textures), emissions: table.emissions(&textures) };
     let mut compiled = CompiledScene { origin, layout, ..CompiledScene::default() };
-    let merged = merged_soup(&groups, &surfaces, &mut compiled);
+    let mut merged = merged_soup(&groups, &surfaces, &mut compiled);
+    merged.add_spheres(&look.spheres, &table, origin);
     let soups: Vec<Soup> =
         groups.instanced.iter().map(|group| object_soup(group.mesh, &surfaces, &mut compiled)).collect();
     check_emitters(&merged, &soups, &groups.instanced)?;
@@ -62,7 +65,10 @@ pub fn compile_variant(
     let used: BTreeSet<usize> = uses.iter().map(|(_, use_)| use_.texture).collect();
     compiled.stats = CompileStats {
         textures: textures.decoded,
-        unused_textures: (scene.textures.len() - used.len()) as u64,
+        triangles: compiled.stats.triangles - look.spheres.len() as u64,
+        instanced_triangles: compiled.stats.instanced_triangles - look.spheres.len() as u64,
+        spheres: look.spheres.len() as u64,
+        unused_textures: (look.textures.len() - used.len()) as u64,
         texture_seconds: textures.seconds,
         bvh_seconds: start.elapsed().as_secs_f64(),
         ..compiled.stats
@@ -70,6 +76,7 @@ pub fn compile_variant(
     drop(surfaces);
     compiled.materials = table.materials;
     compiled.extended = table.extended;
+    compiled.details = table.details;
     compiled.color_pages = textures.color;
     compiled.data_pages = textures.data;
     compiled.min_roughness = materials::min_roughness(&compiled);
@@ -88,8 +95,8 @@ fn variant_index(scene: &Scene, name: &str) -> Result<usize, FieldError> {
 }
 
 /// Uses of textures by the materials behind the keys.
-fn texture_uses(scene: &Scene, keys: &BTreeSet<Key>) -> Vec<(Space, TextureRef)> {
-    keys.iter().flat_map(|key| materials::uses(&materials::source(scene, *key))).collect()
+fn texture_uses(look: &Look, keys: &BTreeSet<Key>) -> Vec<(Space, TextureRef)> {
+    keys.iter().flat_map(|key| materials::uses(look, *key)).collect()
 }
 
 fn uv_sets(uses: &[(Space, TextureRef)]) -> Result<usize, SceneError> {
@@ -150,6 +157,25 @@ pub struct Soup {
 }
 
 impl Soup {
+    fn add_spheres(&mut self, spheres: &[Sphere], table: &Table, origin: DVec3) {
+        for sphere in spheres {
+            let center = (sphere.center - origin).as_vec3().to_array();
+            let shape = [sphere.radius as f32, f32::from(sphere.axis as u8), 0.0];
+            let material = table.index(Some(sphere.material)) as u32 | Triangle::SPHERE;
+            self.triangles.push(Triangle {
+                v0: center,
+                material,
+                v1: shape,
+                light: NONE,
+                v2: [0.0; 3],
+                primitive: self.seen,
+            });
+            self.indices.push([0; 3]);
+            self.luminance.push(0.0);
+            self.seen += 1;
+        }
+    }
+
     fn add_mesh(&mut self, mesh: &Mesh, placement: &Placement, surfaces: &Surfaces, compiled: &mut CompiledScene) {
         for primitive in mesh.primitives.iter().map(|primitive| primitive.of_variant(surfaces.variant)) {
             let first_vertex = compiled.vertex_count();

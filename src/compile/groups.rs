@@ -1,12 +1,12 @@
 //! Which meshes stand where, and how each is stored: a mesh drawn once is merged with its like in world space; a mesh
 //! drawn several times is stored once, with an instance each. A placement that cannot be inverted is merged in any case.
 
-use super::walk::{invalid, placed_nodes};
-use super::{CompileError, VertexLayout};
-use crate::scene::{Mesh, Primitive, Scene, SceneError, SceneErrorKind};
+use super::VertexLayout;
+use super::look::Sphere;
+use super::walk::invalid;
+use crate::scene::{Drawn, Mesh, Primitive, SceneError, SceneErrorKind};
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Extents that are traced right. A triangle's normal needs the fourth power of its edges, which f32 holds from 1e-10 to
 /// 1e9; at the lower end a thousandth of the extent is left for the triangles of a fine mesh.
@@ -37,20 +37,13 @@ pub struct Group<'a> {
 }
 
 impl<'a> Groups<'a> {
-    /// Sorts what a scene of the file shows.
-    pub fn new(scene: &'a Scene, scene_index: Option<usize>, variant: Option<usize>) -> Result<Self, CompileError> {
-        let mut by_mesh: BTreeMap<usize, Vec<DAffine3>> = BTreeMap::new();
-        for placed in placed_nodes(scene, scene_index)? {
-            let Some(mesh) = scene.nodes[placed.node].mesh else { continue };
-            let linear = placed.world.matrix3;
-            if linear.to_cols_array().iter().any(|v| *v != 0.0) && placed.world.is_finite() {
-                by_mesh.entry(mesh).or_default().push(placed.world);
-            }
-        }
+    /// Sorts what a scene of the file draws.
+    pub fn new(drawn: &'a [Drawn<'_>], variant: Option<usize>) -> Self {
         let mut groups = Self { merged: Vec::new(), instanced: Vec::new(), variant };
-        for (mesh, worlds) in by_mesh {
-            let Some(mesh) = scene.meshes.get(mesh) else { continue };
-            let (worlds, flat): (Vec<_>, Vec<_>) = worlds.into_iter().partition(is_invertible);
+        for Drawn { mesh, worlds } in drawn {
+            let mesh = mesh.as_ref();
+            let worlds = worlds.iter().copied().filter(is_something);
+            let (worlds, flat): (Vec<_>, Vec<_>) = worlds.partition(is_invertible);
             groups.merged.extend(flat.into_iter().map(|world| (mesh, world)));
             match worlds[..] {
                 [] => {}
@@ -58,7 +51,7 @@ impl<'a> Groups<'a> {
                 _ => groups.instanced.push(Group { mesh, worlds }),
             }
         }
-        Ok(groups)
+        groups
     }
 
     fn meshes(&self) -> impl Iterator<Item = &'a Mesh> {
@@ -93,8 +86,8 @@ impl<'a> Groups<'a> {
         Ok(())
     }
 
-    /// Centre of the bounds of all triangles.
-    pub fn centre(&self) -> Result<DVec3, SceneError> {
+    /// Centre of the bounds of all triangles and spheres.
+    pub fn centre(&self, spheres: &[Sphere]) -> Result<DVec3, SceneError> {
         let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let join = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
         let around = |points: &[DVec3], world: &DAffine3| {
@@ -106,7 +99,9 @@ impl<'a> Groups<'a> {
             let points = corner_points(group.mesh);
             group.worlds.par_iter().map(|world| around(&points, world)).reduce(|| empty, join)
         });
-        let (min, max) = join(merged.reduce(|| empty, join), instanced.fold(empty, join));
+        let spheres = spheres.iter().map(|sphere| (sphere.center - sphere.radius, sphere.center + sphere.radius));
+        let spheres = spheres.fold(empty, join);
+        let (min, max) = join(spheres, join(merged.reduce(|| empty, join), instanced.fold(empty, join)));
         if !min.cmple(max).all() {
             return Ok(DVec3::ZERO);
         }
@@ -130,6 +125,11 @@ fn check_extent(what: &str, size: DVec3) -> Result<(), SceneError> {
     let code = if extent > *most { "extent_too_large" } else { "extent_too_small" };
     let detail = format!("{what} is {extent:e} units across; from {least:e} to {most:e} are supported: scale it");
     Err(invalid(code, "/scenes", &detail))
+}
+
+/// Whether a placement leaves anything of a mesh.
+fn is_something(world: &DAffine3) -> bool {
+    world.is_finite() && world.matrix3.to_cols_array().iter().any(|v| *v != 0.0)
 }
 
 fn is_invertible(world: &DAffine3) -> bool {

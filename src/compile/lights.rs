@@ -3,11 +3,11 @@
 use super::alias;
 use super::emitters::luminance;
 use super::environment;
-use super::walk::{Placed, placed_nodes};
+use super::walk::placed_nodes;
 use super::{CompileError, CompiledScene, DefaultTaken, Environment, EnvironmentKind, Hdri, LightPick, Lighting};
 use super::{PunctualKind, PunctualLight};
 use crate::params::{LightParams, Mode, RenderParams, SpotFalloff};
-use crate::scene::{Light, LightKind, Scene};
+use crate::scene::{Light, LightKind, Placed, Scene};
 use glam::{DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;

@@ -4,22 +4,35 @@ use super::alpha::AlphaTest;
 use super::emitters::Emission;
 use super::extended::{self, Extended};
 use super::features::MIRROR_ROUGHNESS;
+use super::look::{Look, Relief};
 use super::texels::Texels;
 use super::textures::{Space, Textures};
-use super::{CompiledScene, Material, NONE, Slot};
-use crate::scene::{self, AlphaMode, Scene, TextureRef};
+use super::{CompiledScene, Detail, Material, NONE, Slot};
+use crate::scene::{self, AlphaMode, TextureRef};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// Index into the file's materials; none: the default material.
+/// Index into [`Look::materials`]; none: the default material.
 pub type Key = Option<usize>;
 
-/// The file's material behind a key.
-pub fn source(scene: &Scene, key: Key) -> scene::Material {
-    key.and_then(|index| scene.materials.get(index)).cloned().unwrap_or_default()
+/// The material behind a key.
+pub fn source(look: &Look, key: Key) -> scene::Material {
+    key.and_then(|index| look.materials.get(index)).cloned().unwrap_or_default()
 }
 
-/// The textures that a material reads. Unlit: its base colour alone.
-pub fn uses(material: &scene::Material) -> Vec<(Space, TextureRef)> {
+/// The textures that the material behind a key reads. Unlit: its base colour alone.
+pub fn uses(look: &Look, key: Key) -> Vec<(Space, TextureRef)> {
+    let material = &source(look, key);
+    let relief = key.and_then(|index| look.reliefs.get(&index)).filter(|_| !material.unlit);
+    let relief = relief.map(|relief| (relief_space(relief), relief.map));
+    own_uses(material).into_iter().chain(relief).collect()
+}
+
+/// How the texels of a relief are read.
+fn relief_space(relief: &Relief) -> Space {
+    if relief.kind == Detail::NORMAL { Space::Data } else { Space::Height }
+}
+
+fn own_uses(material: &scene::Material) -> Vec<(Space, TextureRef)> {
     let lit = [
         (Space::Color, material.emissive_texture.filter(|_| emits(material))),
         (Space::Data, material.metallic_roughness_texture),
@@ -42,26 +55,34 @@ pub struct Table {
     pub materials: Vec<Material>,
     /// What extensions add to some of them.
     pub extended: Vec<Extended>,
+    /// Reliefs of some of them.
+    pub details: Vec<Detail>,
     index: BTreeMap<Key, usize>,
     modes: Vec<AlphaMode>,
 }
 
 impl Table {
     /// Compiles the materials behind the keys.
-    pub fn new(scene: &Scene, keys: &BTreeSet<Key>, textures: &Textures) -> Self {
+    pub fn new(look: &Look, keys: &BTreeSet<Key>, textures: &Textures) -> Self {
         let mut table = Self::default();
         let mut known: HashMap<Vec<u8>, usize> = HashMap::new();
         let mut known_extended: HashMap<Vec<u8>, u32> = HashMap::new();
         for key in keys {
-            let source = source(scene, *key);
-            let mut material = compile(scene, &source, textures);
+            let source = source(look, *key);
+            let mut material = compile(look, &source, textures);
             if let Some(extended) = source.extended.as_ref().filter(|_| !source.unlit) {
-                let extended = Extended::new(scene, extended, textures);
+                let extended = Extended::new(look, extended, textures);
                 let place = known_extended.entry(bytemuck::bytes_of(&extended).to_vec()).or_insert_with(|| {
                     table.extended.push(extended);
                     table.extended.len() as u32
                 });
                 material.flags |= *place << Material::EXTENDED_SHIFT;
+            }
+            if let Some(relief) = key.and_then(|index| look.reliefs.get(&index)).filter(|_| !source.unlit) {
+                let map = textures.slot(look, relief_space(relief), Some(relief.map));
+                let (kind, scale, steps) = (relief.kind, relief.scale, relief.steps);
+                table.details.push(Detail { kind, scale, steps, pad: 0, map });
+                material.detail = table.details.len() as u32;
             }
             let next = table.materials.len();
             let index = *known.entry(bytemuck::bytes_of(&material).to_vec()).or_insert(next);
@@ -91,9 +112,9 @@ impl Table {
     }
 }
 
-fn compile(scene: &Scene, source: &scene::Material, textures: &Textures) -> Material {
+fn compile(look: &Look, source: &scene::Material, textures: &Textures) -> Material {
     let lit = !source.unlit;
-    let slot = |space, use_: Option<TextureRef>, read: bool| textures.slot(scene, space, use_.filter(|_| read));
+    let slot = |space, use_: Option<TextureRef>, read: bool| textures.slot(look, space, use_.filter(|_| read));
     let flag = |set: bool, bit: u32| if set { bit } else { 0 };
     Material {
         base_color: source.base_color.to_array(),
@@ -113,6 +134,7 @@ fn compile(scene: &Scene, source: &scene::Material, textures: &Textures) -> Mate
         emissive_texture: slot(Space::Color, source.emissive_texture, emits(source)),
         metallic_roughness_texture: slot(Space::Data, source.metallic_roughness_texture, lit),
         normal_texture: slot(Space::Data, source.normal_texture, lit),
+        ..Material::default()
     }
 }
 

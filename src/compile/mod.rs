@@ -26,7 +26,9 @@ mod groups;
 mod hdri;
 mod lighting;
 mod lights;
+mod look;
 mod materials;
+mod moment;
 mod quantize;
 mod texels;
 mod textures;
@@ -38,18 +40,21 @@ mod tests;
 
 pub use camera::view;
 pub use compiled::{
-    Bounds, BvhNode, CompileStats, CompiledScene, Emitter, Instance, Material, TexturePages, TextureSlot, Triangle,
-    VertexLayout,
+    Bounds, BvhNode, CompileStats, CompiledScene, Detail, Emitter, Instance, Material, TexturePages, TextureSlot,
+    Triangle, VertexLayout,
 };
 pub use extended::{Extended, SLOTS, Slot};
 pub use features::{Features, features};
-pub use geometry::{compile_scene, compile_variant};
+pub use geometry::{compile_request, compile_scene};
 pub use hdri::{ENVIRONMENT_PIXELS, HdriError, decode_hdri};
 pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight,
 };
 pub use lights::{light, shines};
-pub use walk::{Placed, camera_nodes, chosen_scene};
+pub use look::MapFiles;
+pub use moment::moment;
+pub use textures::map_size;
+pub use walk::{camera_nodes, chosen_scene};
 
 use glam::Affine3A;
 

@@ -1,9 +1,10 @@
-//! Images -> pages of RGBA8 texels. Images of 16 bits per channel are rounded to 8.
+//! Images -> pages of RGBA8 texels. Images of 16 bits per channel are rounded to 8, those of heights keep them.
 
 use super::atlas::{self, Place};
+use super::look::Look;
 use super::{TexturePages, TextureSlot};
-use crate::scene::{Scene, SceneError, SceneErrorKind, TextureRef, Wrap};
-use image::{ImageReader, Limits};
+use crate::scene::{SceneError, SceneErrorKind, TextureRef, Wrap, ktx2};
+use image::{DynamicImage, ImageFormat, ImageReader, Limits, RgbaImage};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
@@ -27,7 +28,12 @@ pub enum Space {
     Color,
     /// Numbers: linear.
     Data,
+    /// Heights: grey of 16 bits in two channels, red times 256 and green; among the numbers' pages.
+    Height,
 }
+
+/// RGBA8 by image, and whether it is read as heights.
+type Decoded = BTreeMap<(bool, usize), Vec<u8>>;
 
 /// Decoded images in pages.
 #[derive(Debug, Default)]
@@ -45,61 +51,56 @@ pub struct Textures {
 
 impl Textures {
     /// Decodes the images behind the given uses and packs them, each once per space.
-    pub fn decode(scene: &Scene, uses: &[(Space, TextureRef)]) -> Result<Self, SceneError> {
+    pub fn decode(look: &Look, uses: &[(Space, TextureRef)]) -> Result<Self, SceneError> {
         let start = Instant::now();
         let wanted: BTreeSet<(Space, usize)> =
-            uses.iter().map(|(space, use_)| Ok((*space, image_of(scene, use_)?))).collect::<Result<_, SceneError>>()?;
+            uses.iter().map(|(space, use_)| Ok((*space, image_of(look, use_)?))).collect::<Result<_, SceneError>>()?;
         let images: BTreeSet<usize> = wanted.iter().map(|(_, image)| *image).collect();
         let sizes: BTreeMap<usize, (u32, u32)> =
-            images.iter().map(|image| Ok((*image, size(scene, *image)?))).collect::<Result<_, SceneError>>()?;
+            images.iter().map(|image| Ok((*image, size(look, *image)?))).collect::<Result<_, SceneError>>()?;
         check_total(&sizes)?;
-        let decoded: BTreeMap<usize, Vec<u8>> =
-            images.par_iter().map(|image| Ok((*image, pixels(scene, *image)?))).collect::<Result<_, SceneError>>()?;
+        // An image is decoded once for colours and numbers, and once for heights.
+        let codes: BTreeSet<(bool, usize)> = wanted.iter().map(|(s, image)| (*s == Space::Height, *image)).collect();
+        let pixels = |&(height, image): &(bool, usize)| Ok(((height, image), pixels(look, image, height)?));
+        let decoded: Decoded = codes.par_iter().map(pixels).collect::<Result<_, SceneError>>()?;
         let mut textures = Self { decoded: decoded.len() as u64, ..Self::default() };
-        for space in [Space::Color, Space::Data] {
-            let images: Vec<usize> = wanted.iter().filter(|(s, _)| *s == space).map(|(_, image)| *image).collect();
-            textures.fill(space, &images, &sizes, &decoded);
+        for pages in [&[Space::Color][..], &[Space::Data, Space::Height]] {
+            let images: Vec<(Space, usize)> =
+                wanted.iter().filter(|(space, _)| pages.contains(space)).copied().collect();
+            textures.fill(&images, &sizes, &decoded);
         }
         textures.seconds = start.elapsed().as_secs_f64();
         Ok(textures)
     }
 
-    fn fill(
-        &mut self,
-        space: Space,
-        images: &[usize],
-        sizes: &BTreeMap<usize, (u32, u32)>,
-        decoded: &BTreeMap<usize, Vec<u8>>,
-    ) {
-        if images.is_empty() {
-            return;
-        }
-        let sizes: Vec<(u32, u32)> = images.iter().map(|image| sizes[image]).collect();
+    fn fill(&mut self, images: &[(Space, usize)], sizes: &BTreeMap<usize, (u32, u32)>, decoded: &Decoded) {
+        let Some((first, _)) = images.first() else { return };
+        let sizes: Vec<(u32, u32)> = images.iter().map(|(_, image)| sizes[image]).collect();
         let page_size = page_size(&sizes);
         let (places, count) = atlas::pack(&sizes, page_size);
         let mut pages = vec![vec![0; page_size as usize * page_size as usize * 4]; count as usize];
-        for ((image, place), (width, height)) in images.iter().zip(&places).zip(&sizes) {
+        for (((space, image), place), (width, height)) in images.iter().zip(&places).zip(&sizes) {
             let row_bytes = *width as usize * 4;
-            for (y, row) in decoded[image].chunks_exact(row_bytes).enumerate() {
+            for (y, row) in decoded[&(*space == Space::Height, *image)].chunks_exact(row_bytes).enumerate() {
                 let start = ((place.y as usize + y) * page_size as usize + place.x as usize) * 4;
                 pages[place.page as usize][start..start + row_bytes].copy_from_slice(row);
             }
-            self.places.insert((space, *image), (*place, (*width, *height)));
+            self.places.insert((*space, *image), (*place, (*width, *height)));
         }
-        *self.pages_mut(space) = TexturePages { page_size, pages };
+        *self.pages_mut(*first) = TexturePages { page_size, pages };
     }
 
     fn pages_mut(&mut self, space: Space) -> &mut TexturePages {
         match space {
             Space::Color => &mut self.color,
-            Space::Data => &mut self.data,
+            Space::Data | Space::Height => &mut self.data,
         }
     }
 
     /// The slot of a use; none: no texture.
-    pub fn slot(&self, scene: &Scene, space: Space, use_: Option<TextureRef>) -> TextureSlot {
+    pub fn slot(&self, look: &Look, space: Space, use_: Option<TextureRef>) -> TextureSlot {
         let Some(use_) = use_ else { return TextureSlot::default() };
-        let texture = scene.textures[use_.texture];
+        let texture = look.textures[use_.texture];
         let Some((place, (width, height))) = self.places.get(&(space, texture.image)) else {
             return TextureSlot::default();
         };
@@ -128,15 +129,15 @@ fn wrap_code(wrap: Wrap) -> u32 {
 }
 
 /// The image of a texture.
-fn image_of(scene: &Scene, use_: &TextureRef) -> Result<usize, SceneError> {
+fn image_of(look: &Look, use_: &TextureRef) -> Result<usize, SceneError> {
     let pointer = || format!("/textures/{}", use_.texture);
     let missing = |detail: &str| super::walk::invalid("texture_out_of_range", &pointer(), detail);
-    let texture = scene.textures.get(use_.texture).ok_or_else(|| missing("the file has no such texture"))?;
-    scene.images.get(texture.image).map(|_| texture.image).ok_or_else(|| missing("its image does not exist"))
+    let texture = look.textures.get(use_.texture).ok_or_else(|| missing("the file has no such texture"))?;
+    look.images.get(texture.image).map(|_| texture.image).ok_or_else(|| missing("its image does not exist"))
 }
 
-fn reader(scene: &Scene, image: usize) -> Result<ImageReader<Cursor<&[u8]>>, SceneError> {
-    let image = &scene.images[image];
+fn reader(look: &Look, image: usize) -> Result<ImageReader<Cursor<&[u8]>>, SceneError> {
+    let image = &look.images[image];
     let mut reader = ImageReader::new(Cursor::new(&*image.bytes))
         .with_guessed_format()
         .map_err(|error| fault(SceneErrorKind::Malformed, &image.pointer, &error.to_string()))?;
@@ -148,9 +149,13 @@ fn reader(scene: &Scene, image: usize) -> Result<ImageReader<Cursor<&[u8]>>, Sce
     Ok(reader)
 }
 
-fn size(scene: &Scene, image: usize) -> Result<(u32, u32), SceneError> {
-    let pointer = &scene.images[image].pointer;
-    let (width, height) = reader(scene, image)?.into_dimensions().map_err(|error| undecodable(pointer, &error))?;
+fn size(look: &Look, image: usize) -> Result<(u32, u32), SceneError> {
+    let (bytes, pointer) = (&look.images[image].bytes, &look.images[image].pointer);
+    let (width, height) = if ktx2::is_ktx2(bytes) {
+        ktx2::size(bytes).map_err(|why| unreadable(pointer, &why))?
+    } else {
+        reader(look, image)?.into_dimensions().map_err(|error| undecodable(pointer, &error))?
+    };
     if width == 0 || height == 0 {
         return Err(fault(SceneErrorKind::Invalid, pointer, "the image has no texels"));
     }
@@ -161,9 +166,43 @@ fn size(scene: &Scene, image: usize) -> Result<(u32, u32), SceneError> {
     Ok((width, height))
 }
 
-fn pixels(scene: &Scene, image: usize) -> Result<Vec<u8>, SceneError> {
-    let decoded = reader(scene, image)?.decode().map_err(|error| undecodable(&scene.images[image].pointer, &error))?;
-    Ok(decoded.into_rgba8().into_raw())
+/// Pixels across and down of a map's header; none: it has no format of maps.
+///
+/// # Errors
+/// Its header cannot be read, or says more than `most` pixels.
+pub fn map_size(bytes: &[u8], most: u64) -> Option<Result<(u32, u32), String>> {
+    let format = image::guess_format(bytes).ok()?;
+    if !matches!(format, ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP) {
+        return None;
+    }
+    let size =
+        ImageReader::with_format(Cursor::new(bytes), format).into_dimensions().map_err(|error| error.to_string());
+    Some(size.and_then(|(width, height)| {
+        let fits = width.max(height) <= MAX_SIDE && u64::from(width) * u64::from(height) <= most;
+        let detail =
+            || format!("the image is {width} x {height}; at most {MAX_SIDE} a side and {most} in all are read");
+        if fits { Ok((width, height)) } else { Err(detail()) }
+    }))
+}
+
+fn decoded(look: &Look, image: usize) -> Result<DynamicImage, SceneError> {
+    let (bytes, pointer) = (&look.images[image].bytes, &look.images[image].pointer);
+    if !ktx2::is_ktx2(bytes) {
+        return reader(look, image)?.decode().map_err(|error| undecodable(pointer, &error));
+    }
+    let (width, height) = size(look, image)?;
+    let texels = ktx2::decode(bytes).map_err(|why| unreadable(pointer, &why))?;
+    let image = RgbaImage::from_raw(width, height, texels);
+    image.map(DynamicImage::from).ok_or_else(|| unreadable(pointer, "its texels do not fill it"))
+}
+
+fn pixels(look: &Look, image: usize, height: bool) -> Result<Vec<u8>, SceneError> {
+    let decoded = decoded(look, image)?;
+    if !height {
+        return Ok(decoded.into_rgba8().into_raw());
+    }
+    let texel = |grey: u16| [(grey >> 8) as u8, (grey & 0xff) as u8, 0, 255];
+    Ok(decoded.into_luma16().into_raw().into_iter().flat_map(texel).collect())
 }
 
 fn check_total(sizes: &BTreeMap<usize, (u32, u32)>) -> Result<(), SceneError> {
@@ -189,6 +228,11 @@ fn undecodable(pointer: &str, error: &image::ImageError) -> SceneError {
         _ => SceneErrorKind::Malformed,
     };
     fault(kind, pointer, &format!("the image cannot be decoded: {error}; export it again as PNG, JPEG or WebP"))
+}
+
+/// A fault of a KTX2 file.
+fn unreadable(pointer: &str, why: &str) -> SceneError {
+    fault(SceneErrorKind::Malformed, pointer, &format!("the image cannot be decoded: {why}; export it again"))
 }
 
 fn fault(kind: SceneErrorKind, pointer: &str, detail: &str) -> SceneError {

@@ -11,11 +11,11 @@ use axum::response::Response;
 use serde_json::Value;
 
 const KINDS: Kinds = Kinds {
-    raw: &["image/vnd.radiance", "image/x-exr", "application/octet-stream"],
+    raw: &["image/vnd.radiance", "image/x-exr", "image/png", "image/jpeg", "image/webp", "application/octet-stream"],
     file_field: "image",
     params: false,
-    hint: "send multipart/form-data with the file as `image`, or the file itself as image/vnd.radiance, image/x-exr \
-           or application/octet-stream",
+    hint: "send multipart/form-data with the file as `image`, or the file itself as image/vnd.radiance, image/x-exr, \
+           image/png, image/jpeg, image/webp or application/octet-stream",
 };
 
 /// `POST /v1/images`

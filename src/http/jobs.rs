@@ -3,7 +3,7 @@
 use super::scenes::{Page, bad_cursor};
 use super::{App, accept, caller, picture, query, scenes, upload};
 use crate::film::Aov;
-use crate::jobs::{Code, Job, Order, Problem, Stages, State as JobState, Submission};
+use crate::jobs::{Code, Images, Job, Order, Problem, Stages, State as JobState, Submission};
 use crate::params::{self, FieldError, ImageFormat};
 use axum::Json;
 use axum::extract::{Path, Request, State};
@@ -114,13 +114,13 @@ async fn read_order(app: &App, request: Request) -> Result<(Order, Option<Webhoo
     let body = upload::read_json(app, request).await?;
     let new: NewJob = params::read(&body).map_err(|fault| Problem::fields(Code::InvalidParams, vec![fault]))?;
     let text = new.params.map_or_else(|| "{}".to_owned(), |params| params.to_string());
-    let params = params::from_json(&text).map_err(|faults| Problem::fields(Code::InvalidParams, faults))?;
+    let mut params = params::from_json(&text).map_err(|faults| Problem::fields(Code::InvalidParams, faults))?;
     let scene = app.service.scene(&new.scene).await?.ok_or_else(|| Problem {
         errors: vec![FieldError::new("/scene", "unknown scene")],
         ..scenes::unknown(&new.scene)
     })?;
-    let hdri = app.service.stored_hdri(&params).await?;
-    Ok((Order { scene, hdri, params, priority: new.priority, stages: Stages::default() }, new.webhook))
+    let Images { environment: hdri, maps } = app.service.take_images(&mut params, &mut Vec::new()).await?;
+    Ok((Order { scene, hdri, maps, params, priority: new.priority, stages: Stages::default() }, new.webhook))
 }
 
 /// The reply to a request that waited for its job: the picture, or why there is none.

@@ -4,12 +4,11 @@ use super::jobs::{Waiting, finished, wants_anew};
 use super::scenes::{RAW, some_file};
 use super::upload::{self, Kinds};
 use super::{App, accept, caller, query};
-use crate::jobs::{Code, Order, Problem, Stages, StoredImage, Submission, hdri_name};
+use crate::jobs::{Code, Images, Order, Problem, Stages, Submission};
 use crate::params::{self, FieldError, JsonError, RenderParams};
 use axum::extract::{Request, State};
 use axum::http::Uri;
 use axum::response::Response;
-use std::sync::Arc;
 use std::time::Instant;
 
 const KINDS: Kinds = Kinds {
@@ -26,17 +25,17 @@ pub async fn render(State(app): State<App>, request: Request) -> Result<Response
     let headers = request.headers().clone();
     let (query, caller) = (request.uri().clone(), caller(&request));
     let mut upload = some_file(upload::read(&app, &KINDS, request).await?, &KINDS)?;
-    let params = read_params(upload.params.as_deref(), &query)?;
+    let mut params = read_params(upload.params.as_deref(), &query)?;
     // A format that cannot be made is refused before the work, not after it.
     accept::picture_format(&headers, params.output.format)?;
     let uploaded = begun.elapsed().as_secs_f64();
 
-    let hdri = take_hdri(&app, &params, &mut upload.files).await?;
+    let Images { environment: hdri, maps } = app.service.take_images(&mut params, &mut upload.files).await?;
     let importing = Instant::now();
     let (scene, _) = app.service.add_scene(upload.files).await?;
     let stages = Stages { upload: uploaded, import: importing.elapsed().as_secs_f64(), ..Stages::default() };
 
-    let order = Order { scene, hdri, params, priority: 0, stages };
+    let order = Order { scene, hdri, maps, params, priority: 0, stages };
     let anew = wants_anew(&headers);
     let quota = caller.renders_per_day;
     let submission = Submission { attended: true, anew, quota, ..Submission::new(order, caller.client) };
@@ -56,19 +55,4 @@ fn read_params(form: Option<&str>, uri: &Uri) -> Result<RenderParams, Problem> {
     let pairs = query::pairs(uri)?;
     let pairs = pairs.iter().map(|(name, value)| (name.as_str(), value.as_str()));
     params::from_json_and_query(form, pairs).map_err(|faults| Problem::fields(Code::InvalidParams, faults))
-}
-
-/// The picture that the environment names: a part of this form, else one that is kept.
-async fn take_hdri(
-    app: &App,
-    params: &RenderParams,
-    files: &mut Vec<(String, Vec<u8>)>,
-) -> Result<Option<Arc<StoredImage>>, Problem> {
-    let Some(name) = hdri_name(params) else { return Ok(None) };
-    let Some(place) = files.iter().position(|(file, _)| file == name) else {
-        return app.service.stored_hdri(params).await;
-    };
-    let (_, bytes) = files.remove(place);
-    let (image, _) = app.service.add_image(bytes, "/params/environment/hdri").await?;
-    Ok(Some(image))
 }

@@ -10,7 +10,7 @@ use super::state::State;
 use super::submit::content;
 use super::table::BatchAdmission;
 use super::{Service, hdri_name};
-use crate::params::FieldError;
+use crate::params::{FieldError, RenderParams};
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -211,11 +211,12 @@ impl Service {
                 let errors = vec![FieldError::new("/scene", "unknown scene")];
                 return Err(place(Problem { errors, ..Problem::new(Code::SceneNotFound, detail) }));
             }
-            let Some(image) = hdri_name(&item.params) else { continue };
-            if images.insert(image) && !self.core.storage.offers_image(image).await? {
-                let detail = format!("there is no image `{image}`: name an id that POST /v1/images gave");
-                let fault = FieldError::new("/params/environment/hdri", detail);
-                return Err(place(Problem::fields(Code::InvalidParams, vec![fault])));
+            for (pointer, image) in image_names(&item.params) {
+                if !images.contains(&image) && !self.core.storage.offers_image(&image).await? {
+                    let detail = format!("there is no image `{image}`: name an id that POST /v1/images gave");
+                    return Err(place(Problem::fields(Code::InvalidParams, vec![FieldError::new(pointer, detail)])));
+                }
+                images.insert(image);
             }
         }
         Ok(())
@@ -264,6 +265,14 @@ impl Service {
         batch.jobs.iter().for_each(|job| self.cancel_soon(job));
         batch.settled().await;
     }
+}
+
+/// Pointers and names of the images that parameters ask for.
+fn image_names(params: &RenderParams) -> Vec<(String, String)> {
+    let environment = hdri_name(params).map(|name| ("/params/environment/hdri".to_owned(), name.to_owned()));
+    let mut params = params.clone();
+    let maps = params.map_names_mut().map(|(pointer, name)| (pointer, name.clone()));
+    environment.into_iter().chain(maps).collect()
 }
 
 fn spec_of(item: Item, index: u32, client: &str) -> Spec {

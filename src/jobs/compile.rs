@@ -22,7 +22,8 @@ pub(super) fn compile(
 ) -> Result<Ready, Problem> {
     let begun = Instant::now();
     let params = &order.params;
-    let compiled = order.scene.compile(params.scene, params.variant.as_deref())?;
+    let maps = order.maps.iter().filter_map(|image| Some((image.id.clone(), image.map()?))).collect();
+    let (scene, compiled) = order.scene.compile(params, &maps)?;
     let film = film_bytes(params.width, params.height);
     let copy = if film <= copied { film } else { 0 };
     let bytes = film + copy + compiled_bytes(&compiled);
@@ -33,8 +34,8 @@ pub(super) fn compile(
         );
         return Err(Problem::new(Code::RenderTooLarge, detail));
     }
-    let hdri = order.hdri.as_ref().map(|image| Arc::clone(&image.hdri));
-    let prepared = prepare(&order.scene.scene, compiled, params, hdri)?;
+    let hdri = order.hdri.as_ref().and_then(|image| image.environment());
+    let prepared = prepare(&scene, compiled, params, hdri)?;
     let mut stages = order.stages;
     stages.compile = seconds(begun.elapsed());
     Ok(Ready { job, prepared, saved, stages, since: Instant::now(), bytes })

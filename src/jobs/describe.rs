@@ -1,6 +1,6 @@
 //! What a client is told of a scene or an image.
 
-use super::scenes::{StoredImage, StoredScene};
+use super::scenes::{ImageContent, StoredImage, StoredScene};
 use crate::scene;
 use serde_json::{Value, json};
 
@@ -20,8 +20,12 @@ impl StoredImage {
         json!({
             "id": self.id,
             "upload_bytes": self.upload_bytes,
-            "width": self.hdri.width,
-            "height": self.hdri.height,
+            "width": self.size.0,
+            "height": self.size.1,
+            "kind": match self.content {
+                ImageContent::Environment(_) => "environment",
+                ImageContent::Map(_) => "map",
+            },
         })
     }
 }

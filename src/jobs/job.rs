@@ -21,6 +21,8 @@ pub struct Order {
     pub scene: Arc<StoredScene>,
     /// Picture that the environment shows, if the parameters name one.
     pub hdri: Option<Arc<StoredImage>>,
+    /// Pictures that spheres and overrides name; the parameters name them by id.
+    pub maps: Vec<Arc<StoredImage>>,
     /// All else that the picture depends on.
     pub params: RenderParams,
     /// -100 to 100: a job of higher priority gets a larger share of the device.

@@ -2,14 +2,37 @@
 
 use super::ledger::{Change, SceneRow};
 use super::problem::{Code, Problem};
-use super::scenes::{StoredImage, StoredScene, content_id};
+use super::scenes::{ImageContent, StoredImage, StoredScene, content_id};
 use super::{HDRI_PIXEL_BYTES, Service, hdri_name, mebibytes};
-use crate::compile::decode_hdri;
+use crate::compile::{decode_hdri, map_size};
 use crate::params::{FieldError, RenderParams};
 use crate::scene::{self, Package};
 use bytes::Bytes;
+use std::collections::HashMap;
 use std::sync::Arc;
 use tokio::sync::OwnedSemaphorePermit;
+
+/// Pictures that one request names.
+#[derive(Debug, Default)]
+pub struct Images {
+    /// Of the environment.
+    pub environment: Option<Arc<StoredImage>>,
+    /// Of spheres and overrides.
+    pub maps: Vec<Arc<StoredImage>>,
+}
+
+/// Size and use of a picture: what has a format of maps is one.
+fn content(bytes: &Bytes, environment_pixels: u64, map_pixels: u64) -> Result<((u32, u32), ImageContent), String> {
+    if let Some(size) = map_size(bytes, map_pixels) {
+        return Ok((size?, ImageContent::Map(Arc::from(bytes.as_ref()))));
+    }
+    let hdri = decode_hdri(bytes, environment_pixels).map_err(|error| error.to_string())?;
+    Ok(((hdri.width, hdri.height), ImageContent::Environment(Arc::new(hdri))))
+}
+
+fn invalid(pointer: String, detail: String) -> Problem {
+    Problem::fields(Code::InvalidParams, vec![FieldError { pointer, detail }])
+}
 
 impl Service {
     /// Imports the files (name, bytes) of a glTF, unless they are at hand, and keeps them. Says whether the scene is new.
@@ -73,29 +96,27 @@ impl Service {
         Ok(removed)
     }
 
-    /// Decodes an environment picture, unless it is at hand, and keeps it. `pointer` names it in errors.
-    pub async fn add_image(&self, bytes: Vec<u8>, pointer: &'static str) -> Result<(Arc<StoredImage>, bool), Problem> {
+    /// Decodes an environment picture or looks at a map, unless it is at hand, and keeps it. `pointer` names it in errors.
+    pub async fn add_image(&self, bytes: Vec<u8>, pointer: &str) -> Result<(Arc<StoredImage>, bool), Problem> {
         let bytes = Bytes::from(bytes);
         let image = self.decode(bytes.clone(), pointer).await?;
         let new = self.core.storage.store_image(&image.id, bytes).await?;
         Ok((image, new))
     }
 
-    async fn decode(&self, bytes: Bytes, pointer: &'static str) -> Result<Arc<StoredImage>, Problem> {
+    async fn decode(&self, bytes: Bytes, pointer: &str) -> Result<Arc<StoredImage>, Problem> {
         let limit = self.core.limits.environment_pixels;
         let memory = self.import_memory(bytes.len() as u64 + limit.saturating_mul(HDRI_PIXEL_BYTES)).await;
-        let service = self.clone();
+        let (service, pointer) = (self.clone(), pointer.to_owned());
         self.at_desk(move || {
             let _memory = memory;
             let id = content_id(&bytes);
             if let Some(present) = service.core.images.get(&id) {
                 return Ok(present);
             }
-            let hdri = decode_hdri(&bytes, limit).map_err(|error| {
-                let fault = FieldError { pointer: pointer.to_owned(), detail: error.to_string() };
-                Problem::fields(Code::InvalidImage, vec![fault])
-            })?;
-            let image = StoredImage { id, upload_bytes: bytes.len() as u64, hdri: Arc::new(hdri) };
+            let invalid = |detail| Problem::fields(Code::InvalidImage, vec![FieldError { pointer, detail }]);
+            let (size, content) = content(&bytes, limit, service.core.limits.texture_pixels).map_err(invalid)?;
+            let image = StoredImage { id, upload_bytes: bytes.len() as u64, size, content };
             Ok(service.core.images.insert(image).0)
         })
         .await
@@ -122,17 +143,55 @@ impl Service {
         Ok(removed)
     }
 
-    /// Parameters with the environment's picture looked up, if they name one that is kept.
-    pub async fn stored_hdri(&self, params: &RenderParams) -> Result<Option<Arc<StoredImage>>, Problem> {
-        let Some(name) = hdri_name(params) else { return Ok(None) };
-        let found = self.image(name).await?.map(Some);
-        found.ok_or_else(|| {
-            let detail = format!(
-                "there is no image `{name}`: name a file part of the same form, or an id that POST /v1/images gave"
-            );
-            let fault = FieldError { pointer: "/params/environment/hdri".to_owned(), detail };
-            Problem::fields(Code::InvalidParams, vec![fault])
-        })
+    /// The pictures that parameters name: parts of the same form, which are taken out of `files` and kept, else ones that are
+    /// kept already. Maps are named by their ids from then on.
+    pub async fn take_images(
+        &self,
+        params: &mut RenderParams,
+        files: &mut Vec<(String, Vec<u8>)>,
+    ) -> Result<Images, Problem> {
+        let (mut taken, mut images) = (HashMap::new(), Images::default());
+        if let Some(name) = hdri_name(params).map(str::to_owned) {
+            let pointer = "/params/environment/hdri";
+            let image = self.take_image(&name, pointer, files, &mut taken).await?;
+            if image.environment().is_none() {
+                let detail = format!("`{name}` is no environment: send an equirectangular .hdr or .exr");
+                return Err(invalid(pointer.to_owned(), detail));
+            }
+            images.environment = Some(image);
+        }
+        for (pointer, name) in params.map_names_mut() {
+            let image = self.take_image(name, &pointer, files, &mut taken).await?;
+            if image.map().is_none() {
+                return Err(invalid(pointer, format!("`{name}` is no map: send a .png, .jpg or .webp")));
+            }
+            name.clone_from(&image.id);
+            images.maps.push(image);
+        }
+        Ok(images)
+    }
+
+    async fn take_image(
+        &self,
+        name: &str,
+        pointer: &str,
+        files: &mut Vec<(String, Vec<u8>)>,
+        taken: &mut HashMap<String, Arc<StoredImage>>,
+    ) -> Result<Arc<StoredImage>, Problem> {
+        if let Some(image) = taken.get(name) {
+            return Ok(Arc::clone(image));
+        }
+        let image = match files.iter().position(|(file, _)| file == name) {
+            Some(place) => self.add_image(files.remove(place).1, pointer).await?.0,
+            None => self.image(name).await?.ok_or_else(|| {
+                let detail = format!(
+                    "there is no image `{name}`: name a file part of the same form, or an id that POST /v1/images gave"
+                );
+                invalid(pointer.to_owned(), detail)
+            })?,
+        };
+        taken.insert(name.to_owned(), Arc::clone(&image));
+        Ok(image)
     }
 
     /// Waits until so much memory is free for an import; what is over the whole limit has to be alone.

@@ -39,6 +39,7 @@ pub use batch::{Batch, BatchSpec, BatchSubmission, describe_item};
 pub use events::{Event, EventKind, EventLog};
 pub use job::{Job, Order};
 pub use ledger::SceneRow;
+pub use library::Images;
 pub use manifest::{Item, ManifestError, from_lines, from_matrix, read as read_manifest};
 pub use memory::film_bytes;
 pub use meters::Meters;
@@ -210,7 +211,7 @@ impl Service {
         let limits = &self.core.limits;
         let (limit, save_bytes) = (limits.job_memory_bytes, limits.save_film_bytes);
         let copied = if self.core.storage.is_durable() { save_bytes } else { 0 };
-        let at_hand = order.scene.is_compiled(order.params.scene, order.params.variant.as_deref());
+        let at_hand = order.scene.is_compiled(&order.params);
         let compiling = {
             let job = Arc::clone(&job);
             move || compile::compile(job, &order, saved, limit, copied)

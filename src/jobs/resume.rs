@@ -57,7 +57,11 @@ impl Service {
             Some(image) => Some(self.read_image(image).await?),
             None => None,
         };
+        let mut maps = Vec::new();
+        for name in spec.params.map_names() {
+            maps.push(self.read_image(name).await?);
+        }
         let (params, priority) = (spec.params.clone(), spec.priority);
-        Ok(Order { scene, hdri, params, priority, stages: Stages::default() })
+        Ok(Order { scene, hdri, maps, params, priority, stages: Stages::default() })
     }
 }

@@ -1,8 +1,9 @@
 //! Scenes and images that the server keeps, each imported once, compiled or decoded once.
 
 use super::store::Stored;
-use crate::compile::{self, CompileError, CompiledScene, Hdri};
-use crate::scene::Scene;
+use crate::compile::{self, CompileError, CompiledScene, Hdri, MapFiles};
+use crate::params::RenderParams;
+use crate::scene::{Curve, Moment, Primitive, Scene};
 use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use std::fmt::Write;
@@ -22,11 +23,31 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Compiled form of one of the file's scenes in one of its variants; locked while it is being made, so that the next caller waits for it.
+/// What is compiled of a file for one request; locked while it is being made, so that the next caller waits for it.
 type Slot = Arc<Mutex<Option<Arc<CompiledScene>>>>;
 
-/// Index of one of the file's scenes, and name of the variant.
-type Key = (usize, Option<String>);
+/// What a compiled form depends on besides the file.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+struct Key {
+    /// Index of one of the file's scenes.
+    scene: usize,
+    /// Name of the variant.
+    variant: Option<String>,
+    /// The request's spheres and overrides as JSON, if there are any.
+    changes: Option<String>,
+    /// Animation and time (its bits), if that animation moves any mesh.
+    moment: Option<(usize, u64)>,
+}
+
+impl Key {
+    /// Whether there is no end to the keys like it that clients could name.
+    fn is_passing(&self) -> bool {
+        self.changes.is_some() || self.moment.is_some()
+    }
+}
+
+/// Passing forms of a scene that are kept, the latest used.
+const MAX_PASSING: usize = 4;
 
 /// An imported scene and what has been compiled of it.
 #[derive(Debug)]
@@ -38,7 +59,30 @@ pub struct StoredScene {
     /// Bytes of the upload.
     pub upload_bytes: u64,
     scene_bytes: u64,
-    compiled: Mutex<HashMap<Key, Slot>>,
+    compiled: Mutex<Compiled>,
+}
+
+/// What has been compiled of a scene.
+#[derive(Debug, Default)]
+struct Compiled {
+    slots: HashMap<Key, Slot>,
+    /// Passing keys, the latest used at the end.
+    passing: Vec<Key>,
+}
+
+impl Compiled {
+    /// The slot of a key, which is made if need be. It may push out the passing form that was not used for the longest time.
+    fn slot(&mut self, key: Key) -> Slot {
+        if key.is_passing() {
+            self.passing.retain(|known| *known != key);
+            self.passing.push(key.clone());
+            if self.passing.len() > MAX_PASSING {
+                let oldest = self.passing.remove(0);
+                self.slots.remove(&oldest);
+            }
+        }
+        Arc::clone(self.slots.entry(key).or_default())
+    }
 }
 
 impl StoredScene {
@@ -49,31 +93,48 @@ impl StoredScene {
     }
 
     /// Whether [`Self::compile`] would return at once.
-    pub fn is_compiled(&self, index: Option<usize>, variant: Option<&str>) -> bool {
-        self.slots().get(&self.resolve(index, variant)).and_then(ready).is_some()
+    pub fn is_compiled(&self, params: &RenderParams) -> bool {
+        let moment = compile::moment(&self.scene, params);
+        moment.is_ok_and(|moment| self.compiled().slots.get(&self.key(params, moment)).and_then(ready).is_some())
     }
 
-    /// The compiled form of one of the file's scenes in a variant. Blocks; of several callers one compiles and the others wait.
-    pub fn compile(&self, index: Option<usize>, variant: Option<&str>) -> Result<Arc<CompiledScene>, CompileError> {
-        let compile = || compile::compile_variant(&self.scene, index, variant).map(Arc::new);
-        let no_scene = index.is_some_and(|index| index >= self.scene.scenes.len());
-        if no_scene || variant.is_some_and(|name| !self.scene.variants.iter().any(|variant| variant == name)) {
+    /// The scene at the moment that a request asks for, and the compiled form of what it shows. Blocks; of several callers
+    /// one compiles and the others wait.
+    pub fn compile(
+        &self,
+        params: &RenderParams,
+        maps: &MapFiles,
+    ) -> Result<(Arc<Scene>, Arc<CompiledScene>), CompileError> {
+        let moment = compile::moment(&self.scene, params)?;
+        let posed = if moment.is_some() { Arc::new(self.scene.at(moment)) } else { Arc::clone(&self.scene) };
+        let compile = || compile::compile_request(&posed, params, maps).map(Arc::new);
+        let no_scene = params.scene.is_some_and(|index| index >= self.scene.scenes.len());
+        let no_variant = |name: &String| !self.scene.variants.contains(name);
+        if no_scene || params.variant.as_ref().is_some_and(no_variant) {
             // Not kept: the client could name any number of such scenes.
-            return compile();
+            return compile().map(|compiled| (Arc::clone(&posed), compiled));
         }
-        let slot = Arc::clone(self.slots().entry(self.resolve(index, variant)).or_default());
+        let slot = self.compiled().slot(self.key(params, moment));
         let mut compiled = slot.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(compiled) = compiled.as_ref() {
-            return Ok(Arc::clone(compiled));
+        let compiled = match compiled.as_ref() {
+            Some(compiled) => Arc::clone(compiled),
+            None => Arc::clone(compiled.insert(compile()?)),
+        };
+        Ok((posed, compiled))
+    }
+
+    fn key(&self, params: &RenderParams, moment: Option<Moment>) -> Key {
+        let moves = |moment: &Moment| self.scene.animations.get(moment.animation).is_some_and(|a| a.moves_meshes);
+        let changed = !params.spheres.is_empty() || !params.overrides.is_empty();
+        Key {
+            changes: changed.then(|| serde_json::json!([params.spheres, params.overrides]).to_string()),
+            scene: params.scene.or(self.scene.default_scene).unwrap_or(0),
+            variant: params.variant.clone(),
+            moment: moment.filter(moves).map(|moment| (moment.animation, moment.time.to_bits())),
         }
-        Ok(Arc::clone(compiled.insert(compile()?)))
     }
 
-    fn resolve(&self, index: Option<usize>, variant: Option<&str>) -> Key {
-        (index.or(self.scene.default_scene).unwrap_or(0), variant.map(str::to_owned))
-    }
-
-    fn slots(&self) -> MutexGuard<'_, HashMap<Key, Slot>> {
+    fn compiled(&self) -> MutexGuard<'_, Compiled> {
         self.compiled.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -84,20 +145,50 @@ impl Stored for StoredScene {
     }
 
     fn bytes(&self) -> u64 {
-        let compiled = self.slots().values().filter_map(ready).map(|scene| compiled_bytes(&scene)).sum::<u64>();
+        let compiled =
+            self.compiled().slots.values().filter_map(ready).map(|scene| compiled_bytes(&scene)).sum::<u64>();
         self.scene_bytes + compiled
     }
 }
 
-/// A decoded environment picture.
+/// A picture that parameters name.
 #[derive(Debug)]
 pub struct StoredImage {
     /// `sha256-...`
     pub id: String,
     /// Bytes of the upload.
     pub upload_bytes: u64,
-    /// Texels and sampling table.
-    pub hdri: Arc<Hdri>,
+    /// Pixels across and down.
+    pub size: (u32, u32),
+    /// What it can be used for.
+    pub content: ImageContent,
+}
+
+/// What a picture can be used for.
+#[derive(Debug, Clone)]
+pub enum ImageContent {
+    /// An environment: texels and sampling table.
+    Environment(Arc<Hdri>),
+    /// A map of a surface, as it was uploaded.
+    Map(Arc<[u8]>),
+}
+
+impl StoredImage {
+    /// The environment, if it is one.
+    pub fn environment(&self) -> Option<Arc<Hdri>> {
+        match &self.content {
+            ImageContent::Environment(hdri) => Some(Arc::clone(hdri)),
+            ImageContent::Map(_) => None,
+        }
+    }
+
+    /// The map, if it is one.
+    pub fn map(&self) -> Option<Arc<[u8]>> {
+        match &self.content {
+            ImageContent::Map(bytes) => Some(Arc::clone(bytes)),
+            ImageContent::Environment(_) => None,
+        }
+    }
 }
 
 impl Stored for StoredImage {
@@ -106,7 +197,11 @@ impl Stored for StoredImage {
     }
 
     fn bytes(&self) -> u64 {
-        (size_of_val(self.hdri.texels.as_slice()) + size_of_val(self.hdri.cells.as_slice())) as u64
+        let bytes = match &self.content {
+            ImageContent::Environment(hdri) => size_of_val(hdri.texels.as_slice()) + size_of_val(hdri.cells.as_slice()),
+            ImageContent::Map(bytes) => bytes.len(),
+        };
+        bytes as u64
     }
 }
 
@@ -119,17 +214,24 @@ fn ready(slot: &Slot) -> Option<Arc<CompiledScene>> {
 fn scene_bytes(scene: &Scene) -> u64 {
     let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
     let primitives = primitives.flat_map(|p| p.alternatives.iter().map(|(_, other)| other).chain([p]));
-    let meshes: usize = primitives
-        .map(|p| {
-            let optional = p.normals.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
-                + p.tangents.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
-                + p.colors.as_ref().map_or(0, |v| size_of_val(v.as_slice()));
-            let uvs: usize = p.uvs.iter().map(|set| size_of_val(set.as_slice())).sum();
-            size_of_val(p.positions.as_slice()) + size_of_val(p.triangles.as_slice()) + optional + uvs
-        })
-        .sum();
+    let meshes: usize = primitives.map(primitive_bytes).sum();
     let images: usize = scene.images.iter().map(|image| image.bytes.len()).sum();
-    (meshes + images + scene.nodes.len() * 256) as u64
+    let curve = |curve: &Curve| size_of_val(curve.times.as_slice()) + size_of_val(curve.values.as_slice());
+    let channels = scene.animations.iter().flat_map(|animation| &animation.channels);
+    let curves: usize = channels.map(|channel| curve(&channel.curve)).sum();
+    let instances: usize = scene.nodes.iter().flat_map(|node| &node.instances).map(|list| size_of_val(&list[..])).sum();
+    (meshes + images + curves + instances + scene.nodes.len() * 256) as u64
+}
+
+fn primitive_bytes(p: &Primitive) -> usize {
+    let optional = p.normals.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
+        + p.tangents.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
+        + p.colors.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
+        + p.influences.as_ref().map_or(0, |i| size_of_val(i.joints.as_slice()) + size_of_val(i.weights.as_slice()));
+    let uvs: usize = p.uvs.iter().map(|set| size_of_val(set.as_slice())).sum();
+    let lists = p.targets.iter().flat_map(|target| [&target.positions, &target.normals, &target.tangents]);
+    let targets: usize = lists.map(|list| size_of_val(list.as_slice())).sum();
+    size_of_val(p.positions.as_slice()) + size_of_val(p.triangles.as_slice()) + optional + uvs + targets
 }
 
 /// Memory of a compiled scene.
@@ -142,6 +244,7 @@ pub fn compiled_bytes(scene: &CompiledScene) -> u64 {
         + size_of_val(scene.instances.as_slice())
         + size_of_val(scene.materials.as_slice())
         + size_of_val(scene.extended.as_slice())
+        + size_of_val(scene.details.as_slice())
         + size_of_val(scene.emitters.as_slice())
         + pages;
     bytes as u64
@@ -150,6 +253,29 @@ pub fn compiled_bytes(scene: &CompiledScene) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{Animation, SceneRoot};
+
+    #[test]
+    fn what_moves_no_mesh_is_compiled_once_and_few_moments_are_kept() {
+        let animations = Arc::new(vec![
+            Animation { name: Some("walk".into()), moves_meshes: true, ..Animation::default() },
+            Animation::default(),
+        ]);
+        let scene = Scene { animations, scenes: vec![SceneRoot::default()], ..Scene::default() };
+        let stored = StoredScene::new("x".into(), scene, 0);
+        let params = |json: &str| crate::params::from_json(json).unwrap();
+        let compiled = |json: &str| stored.compile(&params(json), &MapFiles::new()).unwrap().1;
+        let rest = compiled("{}");
+        assert!(Arc::ptr_eq(&rest, &compiled(r#"{"animation": 1, "time": 3}"#)), "it moves no mesh");
+        assert!(!Arc::ptr_eq(&rest, &compiled(r#"{"time": 0}"#)));
+        assert!(Arc::ptr_eq(&compiled(r#"{"time": 2}"#), &compiled(r#"{"animation": "walk", "time": 2}"#)));
+        for time in 0..100 {
+            compiled(&format!(r#"{{"time": {time}}}"#));
+        }
+        assert_eq!(stored.compiled().slots.len(), 1 + MAX_PASSING);
+        assert!(stored.is_compiled(&params(r#"{"time": 99}"#)) && !stored.is_compiled(&params(r#"{"time": 2}"#)));
+        assert!(stored.compile(&params(r#"{"animation": "run"}"#), &MapFiles::new()).is_err());
+    }
 
     #[test]
     fn the_id_is_the_hash() {

@@ -1,6 +1,6 @@
 //! What a request trades truth for.
 
-use super::{Mode, RenderParams};
+use super::{DirectShading, Mode, OverrideParams, RenderParams, SphereParams};
 
 impl RenderParams {
     /// Every choice of this request by which the picture differs from the full simulation, in words for the reply.
@@ -9,6 +9,16 @@ impl RenderParams {
         if self.mode == Mode::Direct {
             biases
                 .push("mode direct: light that comes by way of other surfaces is missing, mirrors excepted".to_owned());
+        }
+        if self.mode == Mode::Direct && self.direct.shading == DirectShading::Phong {
+            biases.push("direct.shading phong: reflection by Phong's formula, which keeps no energy".to_owned());
+        }
+        let mut surfaces =
+            self.spheres.iter().map(SphereParams::maps).chain(self.overrides.iter().map(OverrideParams::maps));
+        if surfaces.any(|maps| maps.parallax.is_some()) {
+            biases.push(
+                "parallax maps: reliefs have the outline of their surface, and no shadow on themselves".to_owned(),
+            );
         }
         if self.mode == Mode::Preview {
             biases.extend(self.preview.biases());
@@ -40,5 +50,9 @@ mod tests {
             ..RenderParams::default()
         };
         assert_eq!(request.biases().len(), 3);
+        let direct = crate::params::DirectParams { shading: DirectShading::Phong, ..request.direct };
+        assert_eq!(RenderParams { direct, ..request }.biases().len(), 4);
+        let json = r#"{"overrides": [{"material": "a", "parallax": {"image": "a", "scale": 1}}]}"#;
+        assert_eq!(crate::params::from_json(json).unwrap().biases().len(), 1);
     }
 }

@@ -9,6 +9,7 @@ mod parse;
 mod preview;
 mod query;
 mod strict;
+mod surfaces;
 mod validate;
 
 pub use lights::{LightParams, SpotFalloff};
@@ -18,6 +19,9 @@ pub use preview::{
     ShadowHash, ShadowParams, SpotEdge,
 };
 pub use strict::{JsonError, json};
+pub use surfaces::{
+    Axis, Maps, NormalParams, OverrideParams, ParallaxMethod, ParallaxParams, ReliefParams, SphereParams, TextureParams,
+};
 pub use validate::{FieldError, ParamLimits};
 
 use serde::{Deserialize, Serialize};
@@ -38,12 +42,20 @@ pub struct RenderParams {
     pub scene: Option<usize>,
     /// Name of the variant whose materials are drawn (KHR_materials_variants); none: the default materials.
     pub variant: Option<String>,
+    /// Seconds into the animation; none: the scene stands as the file stores it.
+    pub time: Option<f64>,
+    /// Which animation of the file moves the scene; none: its first, if there is a `time`.
+    pub animation: Option<AnimationChoice>,
     /// Where to look from; none: the scene's first camera, else automatic framing.
     pub camera: Option<CameraParams>,
     /// Lights added to those of the file.
     pub lights: Vec<LightParams>,
     /// Whether the lights of the file (KHR_lights_punctual) shine.
     pub scene_lights: bool,
+    /// Spheres added to the file's meshes.
+    pub spheres: Vec<SphereParams>,
+    /// Other values and maps for materials of the file.
+    pub overrides: Vec<OverrideParams>,
     /// Light from infinity. Absent: automatic (neutral when nothing else shines); `null`: none.
     #[serde(skip_serializing_if = "EnvironmentChoice::is_auto")]
     pub environment: EnvironmentChoice,
@@ -64,6 +76,8 @@ pub struct RenderParams {
     /// Energy compensation for multiple scattering in microfacets (docs/accuracy.md). Off: the single-scattering
     /// formulas of the glTF appendix.
     pub multiple_scattering: bool,
+    /// How `mode: direct` shades.
+    pub direct: DirectParams,
     /// How `mode: preview` draws.
     pub preview: PreviewParams,
     /// Curve from scene-linear to display-linear.
@@ -83,9 +97,13 @@ impl Default for RenderParams {
             height: 500,
             scene: None,
             variant: None,
+            time: None,
+            animation: None,
             camera: None,
             lights: Vec::new(),
             scene_lights: true,
+            spheres: Vec::new(),
+            overrides: Vec::new(),
             environment: EnvironmentChoice::Auto,
             max_samples: 256,
             adaptive: true,
@@ -95,12 +113,23 @@ impl Default for RenderParams {
             seed: 1,
             filter: Filter::default(),
             multiple_scattering: true,
+            direct: DirectParams::default(),
             preview: PreviewParams::default(),
             tone_mapping: ToneMapping::Aces,
             exposure: 0.0,
             output: OutputParams::default(),
         }
     }
+}
+
+/// An animation of the file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected the index or the name of an animation")]
+pub enum AnimationChoice {
+    /// By its place in the file.
+    Index(usize),
+    /// By its name.
+    Name(String),
 }
 
 /// Kind of light transport.
@@ -113,6 +142,34 @@ pub enum Mode {
     Direct,
     /// Rasterised: light straight from punctual lights and the environment, shadow maps ([`PreviewParams`]).
     Preview,
+}
+
+/// How `mode: direct` shades.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DirectParams {
+    /// Reflection of surfaces.
+    pub shading: DirectShading,
+    /// Strength of Phong's highlight.
+    pub specular: f32,
+}
+
+impl Default for DirectParams {
+    fn default() -> Self {
+        Self { shading: DirectShading::Pbr, specular: 0.5 }
+    }
+}
+
+/// Reflection of surfaces in `mode: direct`.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DirectShading {
+    /// As in `mode: path`; mirrors are surfaces of roughness 0.
+    #[default]
+    Pbr,
+    /// Phong's: a mirror of the surface's reflectivity, and of what it leaves Lambert and `specular (R.V)^s` over pi, where the
+    /// roughness says how narrow the highlight is.
+    Phong,
 }
 
 /// Which engine traces.

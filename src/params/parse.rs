@@ -4,7 +4,7 @@ use super::query::overlay;
 use super::strict::{self, JsonError};
 use super::{FieldError, RenderParams};
 use serde::de::DeserializeOwned;
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 use serde_path_to_error::{Path, Segment};
 
 /// Faults after which reading is given up.
@@ -50,10 +50,21 @@ pub fn from_json_and_query<'a>(
     from_value(value)
 }
 
-/// Objects within the parameters, besides the lights.
-const OBJECTS: [&str; 10] = [
+/// Lists of objects, each with an entry that nothing is wrong with and the objects within an entry.
+const LISTS: [(&str, &str, &[&str]); 3] = [
+    ("lights", r#"{"type": "ambient"}"#, &[]),
+    ("spheres", r#"{"center": [0, 0, 0], "radius": 1}"#, &MAPS),
+    ("overrides", r#"{"material": ""}"#, &MAPS),
+];
+
+/// Objects within a sphere or an override.
+const MAPS: [&str; 4] = ["texture", "height", "normal", "parallax"];
+
+/// Objects within the parameters, besides those of [`LISTS`].
+const OBJECTS: [&str; 11] = [
     "/camera",
     "/camera/orbit",
+    "/direct",
     "/environment",
     "/environment/gradient",
     "/filter",
@@ -77,12 +88,29 @@ fn take_lists(value: &mut Value) -> Vec<FieldError> {
             note(format!("{parent}/{name}"));
         }
     }
-    let lights = value.get_mut("lights").and_then(Value::as_array_mut);
-    for (index, light) in lights.into_iter().flatten().enumerate().filter(|(_, light)| light.is_array()) {
-        *light = json!({"type": "ambient"});
-        note(format!("/lights/{index}"));
+    for (list, _, objects) in LISTS {
+        let entries = value.get_mut(list).and_then(Value::as_array_mut);
+        for (index, entry) in entries.into_iter().flatten().enumerate() {
+            if entry.is_array() {
+                *entry = faultless(list);
+                note(format!("/{list}/{index}"));
+            }
+            let Some(entry) = entry.as_object_mut() else { continue };
+            for name in objects {
+                if entry.get(*name).is_some_and(Value::is_array) {
+                    entry.shift_remove(*name);
+                    note(format!("/{list}/{index}/{name}"));
+                }
+            }
+        }
     }
     faults
+}
+
+/// An entry of one of [`LISTS`] that nothing is wrong with.
+fn faultless(list: &str) -> Value {
+    let text = LISTS.iter().find(|(name, ..)| *name == list).map_or("null", |(_, entry, _)| entry);
+    serde_json::from_str(text).unwrap_or_default()
 }
 
 /// Reads what is not parameters in the same words; places at fault get a pointer from the root of `value`.
@@ -142,12 +170,12 @@ impl Fault {
         Self { path, is_unknown_field, error }
     }
 
-    /// Takes the fault away: an unknown field by itself, else the light or the top-level field that it lies in.
+    /// Takes the fault away: an unknown field by itself, else the entry of a list or the top-level field that it lies in.
     fn remove_from(&self, value: &mut Value) -> bool {
         let Some(object) = value.as_object_mut() else { return false };
         match self.path.as_slice() {
             [field] => object.shift_remove(field).is_some(),
-            [field, light, ..] if field == "lights" => replace_light(object, light),
+            [list, index, ..] if LISTS.iter().any(|(name, ..)| name == list) => replace_entry(object, list, index),
             [parents @ .., field] if self.is_unknown_field => {
                 let parent = parents.iter().try_fold(value, |value, name| value.get_mut(name.as_str()));
                 parent.and_then(Value::as_object_mut).is_some_and(|parent| parent.shift_remove(field).is_some())
@@ -158,11 +186,11 @@ impl Fault {
     }
 }
 
-/// Puts a faultless light in the place of a faulty one, so that the others keep their indices.
-fn replace_light(object: &mut Map<String, Value>, index: &str) -> bool {
-    let light = object.get_mut("lights").and_then(Value::as_array_mut).zip(index.parse().ok());
-    light.and_then(|(lights, index): (_, usize)| lights.get_mut(index)).is_some_and(|light| {
-        *light = json!({"type": "ambient"});
+/// Puts a faultless entry in the place of a faulty one, so that the others keep their indices.
+fn replace_entry(object: &mut Map<String, Value>, list: &str, index: &str) -> bool {
+    let entries = object.get_mut(list).and_then(Value::as_array_mut).zip(index.parse().ok());
+    entries.and_then(|(entries, index): (_, usize)| entries.get_mut(index)).is_some_and(|entry| {
+        *entry = faultless(list);
         true
     })
 }
@@ -331,8 +359,12 @@ mod tests {
     fn a_list_is_no_object() {
         let full = r#"{"camera": {"orbit": {}}, "environment": {"gradient":
             {"top": [0, 0, 0], "horizon": [0, 0, 0], "bottom": [0, 0, 0]}}, "filter": {}, "output": {},
-            "preview": {"attenuation": {}, "shadows": {"bias": {}}},
-            "lights": [{"type": "ambient"}, {"type": "ambient"}]}"#;
+            "preview": {"attenuation": {}, "shadows": {"bias": {}}}, "direct": {},
+            "lights": [{"type": "ambient"}, {"type": "ambient"}],
+            "spheres": [{"center": [0, 0, 0], "radius": 1, "texture": {"image": "a"}, "height": {"image": "a", "scale": 1},
+            "normal": {"image": "a"}, "parallax": {"image": "a", "scale": 1}}],
+            "overrides": [{"material": "a", "texture": {"image": "a"}, "height": {"image": "a", "scale": 1},
+            "normal": {"image": "a"}, "parallax": {"image": "a", "scale": 1}}]}"#;
         let full: Value = serde_json::from_str(full).unwrap();
         let mut open = vec![String::new()];
         let mut objects = 0;
@@ -347,7 +379,24 @@ mod tests {
                 objects += 1;
             }
         }
-        assert_eq!(objects, 1 + OBJECTS.len() + 2);
+        assert_eq!(objects, 1 + OBJECTS.len() + 2 + 2 * (1 + MAPS.len()));
+    }
+
+    #[test]
+    fn spheres_and_overrides_are_read_each_by_itself() {
+        let json = r#"{"spheres": [{"center": [0, 0]}, {"center": [0, 0, 0], "radius": 1, "colour": [1, 1, 1]},
+            {"center": [0, 0, 0], "radius": 1, "height": []}, {"center": [0, 0, 0], "radius": 1}],
+            "overrides": [{"color": [1, 1, 1]}, {"material": "a", "parallax": {"image": "a", "scale": 1, "method": "deep"}}]}"#;
+        let mut pointers: Vec<String> = faults(json).into_iter().map(|fault| fault.0).collect();
+        pointers.sort_unstable();
+        let expected = [
+            "/params/overrides/0/material",
+            "/params/overrides/1/parallax/method",
+            "/params/spheres/0/center",
+            "/params/spheres/1/colour",
+            "/params/spheres/2/height",
+        ];
+        assert_eq!(pointers, expected);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Ranges and combinations of parameters.
 
 use super::preview;
+use super::surfaces;
 use super::{
     CameraParams, EngineChoice, EnvironmentChoice, EnvironmentParams, Filter, ImageFormat, LightParams, Mode,
     OrbitParams, OutputParams, RenderParams,
@@ -47,6 +48,8 @@ pub struct ParamLimits {
     pub bounces: u32,
     /// Lights of the request.
     pub lights: usize,
+    /// Spheres of the request, and overrides of materials.
+    pub spheres: usize,
 }
 
 impl Default for ParamLimits {
@@ -59,6 +62,7 @@ impl Default for ParamLimits {
             pixel_samples: 1_000_000_000_000,
             bounces: 100_000,
             lights: 10_000,
+            spheres: 10_000,
         }
     }
 }
@@ -76,6 +80,7 @@ impl RenderParams {
             check.require(self.exposure.abs() <= MAX_STOPS, "exposure", || {
                 format!("must lie between -{MAX_STOPS} and {MAX_STOPS} stops")
             });
+            check.require(self.time.is_none_or(f64::is_finite), "time", || "must be finite".to_owned());
             check.at("filter", |check| check_filter(check, &self.filter));
             check.at("output", |check| check_output(check, &self.output));
             check.at("preview", |check| preview::check(check, &self.preview, self.width));
@@ -94,6 +99,8 @@ impl RenderParams {
             for (index, light) in self.lights.iter().enumerate() {
                 check.at(&format!("lights/{index}"), |check| check_light(check, light));
             }
+            surfaces::check(check, self, limits.spheres);
+            check.at("direct", |check| check.light(&[self.direct.specular], "specular"));
         });
         if check.faults.is_empty() { Ok(()) } else { Err(check.faults) }
     }
@@ -165,7 +172,7 @@ impl Check {
         }
     }
 
-    fn finite(&mut self, values: &[f64], name: &str) -> bool {
+    pub fn finite(&mut self, values: &[f64], name: &str) -> bool {
         let finite = values.iter().all(|value| value.is_finite());
         self.require(finite, name, || "must be finite".to_owned());
         finite

@@ -20,7 +20,7 @@ pub use engines::Engines;
 
 use crate::compile::{CompiledScene, Features, Lighting, View};
 use crate::film::Film;
-use crate::params::{EngineChoice, Mode, PreviewParams};
+use crate::params::{DirectParams, DirectShading, EngineChoice, Mode, PreviewParams};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -62,8 +62,17 @@ pub struct Settings {
     pub target_error: Option<f64>,
     /// Tracing time to stop at.
     pub deadline: Option<Duration>,
+    /// How direct light is shaded.
+    pub direct: DirectParams,
     /// How a preview is drawn.
     pub preview: PreviewParams,
+}
+
+impl Settings {
+    /// Whether surfaces reflect as Phong's do.
+    pub fn is_phong(&self) -> bool {
+        self.mode == Mode::Direct && self.direct.shading == DirectShading::Phong
+    }
 }
 
 /// How light is looked for. Every choice gives the same picture but for noise: requests take the default, the others are there

@@ -23,7 +23,8 @@ pub struct Prepared {
 
 /// Adds the light and the camera of a request to a scene.
 ///
-/// `compiled` is what [`compile::compile_scene`] made of `scene` and `params.scene`; `hdri` is the picture that
+/// `scene` stands as [`Scene::at`] the [`compile::moment`] of `params` poses it; `compiled` is what
+/// [`compile::compile_request`] made of it; `hdri` is the picture that
 /// `params.environment` names. `params` have been validated.
 ///
 /// # Errors
@@ -38,7 +39,9 @@ pub fn prepare(
     let (lighting, defaults_of_light) = compile::light(scene, &compiled, params, hdri)?;
     defaults.extend(defaults_of_light);
     let features = compile::features(&compiled, &lighting, &view, params);
+    defaults.extend(default_moment(scene, params));
     let mut warnings = scene.warnings.clone();
+    warnings.extend(nothing_moves(scene, params));
     warnings.extend(blackness(&compiled, &lighting, features.unlit));
     warnings.extend(beyond_glass(&features));
     let mut biases = params.biases();
@@ -47,6 +50,28 @@ pub fn prepare(
     }
     let work = Work { scene: compiled, lighting: Arc::new(lighting), view, features, settings: Settings::from(params) };
     Ok(Prepared { work, defaults, biases, warnings })
+}
+
+/// What of an animation and a time was given without the other.
+fn default_moment(scene: &Scene, params: &RenderParams) -> Option<DefaultTaken> {
+    let first = scene.animations.first()?;
+    match (params.time, &params.animation) {
+        (Some(_), None) => {
+            let value = serde_json::json!({"index": 0, "name": first.name});
+            Some(DefaultTaken { what: "animation".into(), value })
+        }
+        (None, Some(_)) => Some(DefaultTaken { what: "time".into(), value: 0.0.into() }),
+        _ => None,
+    }
+}
+
+fn nothing_moves(scene: &Scene, params: &RenderParams) -> Option<Warning> {
+    let detail = "the file has no animation; `time` changes nothing";
+    (params.time.is_some() && scene.animations.is_empty()).then(|| Warning {
+        code: "no_animation",
+        pointer: "/params/time".into(),
+        detail: detail.into(),
+    })
 }
 
 /// Why the picture must be black, or has nothing but its background in it.
@@ -92,6 +117,7 @@ impl From<&RenderParams> for Settings {
             adaptive: params.adaptive && !is_preview,
             target_error: params.target_error.filter(|_| !is_preview),
             deadline: params.deadline_ms.map(Duration::from_millis),
+            direct: params.direct,
             preview: params.preview,
         }
     }

@@ -1,6 +1,6 @@
 //! What a scene holds, for `GET /v1/scenes/{id}`.
 
-use super::{AlphaMode, ExtensionUse, LightKind, Material, Projection, Scene, Warning};
+use super::{AlphaMode, ExtensionUse, LightKind, Material, Placed, Projection, Scene, Warning};
 use glam::{BVec3, DAffine3, DVec3};
 use serde::Serialize;
 
@@ -21,6 +21,8 @@ pub struct Description {
     pub lights: Vec<LightItem>,
     /// Materials of the file.
     pub materials: Vec<MaterialItem>,
+    /// Animations of the file, in the order that a request's `animation` counts.
+    pub animations: Vec<AnimationItem>,
     /// Material variants by name.
     pub variants: Vec<String>,
     /// Extensions that the file uses, and how each is honoured.
@@ -138,6 +140,19 @@ pub struct LightItem {
     pub poses: Vec<Pose>,
 }
 
+/// An animation of the file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AnimationItem {
+    /// Index in the file.
+    pub index: usize,
+    /// Name in the file.
+    pub name: Option<String>,
+    /// Time of its first key.
+    pub start_seconds: f64,
+    /// Time of its last key, beyond which nothing moves.
+    pub end_seconds: f64,
+}
+
 /// A material of the file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MaterialItem {
@@ -178,6 +193,12 @@ pub fn describe(scene: &Scene) -> Description {
             poses: Vec::new(),
         }),
         materials: items(&scene.materials, material),
+        animations: items(&scene.animations, |index, animation| AnimationItem {
+            index,
+            name: animation.name.clone(),
+            start_seconds: animation.span[0],
+            end_seconds: animation.span[1],
+        }),
         variants: scene.variants.clone(),
         extensions: scene.extensions.clone(),
         warnings: scene.warnings.clone(),
@@ -200,8 +221,8 @@ fn counts(scene: &Scene) -> Counts {
         meshes: scene.meshes.len(),
         textures: scene.textures.len(),
         images: scene.images.len(),
-        animations: scene.animation_count,
-        skins: scene.skin_count,
+        animations: scene.animations.len(),
+        skins: scene.skins.len(),
     }
 }
 
@@ -228,19 +249,22 @@ fn material(index: usize, material: &Material) -> MaterialItem {
     }
 }
 
-/// Walks the default scene: bounds, instances and poses.
+/// Walks the default scene at rest: bounds, instances and poses.
 fn place(scene: &Scene, description: &mut Description) {
-    let extents: Vec<Extent> = scene.meshes.iter().map(extent).collect();
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for (index, world) in scene.world_transforms(description.default_scene) {
-        let Some(node) = scene.nodes.get(index) else { continue };
-        if let Some(extent) = node.mesh.and_then(|mesh| extents.get(mesh)).filter(|extent| extent.triangles > 0) {
-            description.counts.instanced_triangles += extent.triangles;
+    // What cannot be drawn at rest has no bounds; a render says why.
+    for drawn in scene.drawn(description.default_scene).unwrap_or_default() {
+        let extent = extent(&drawn.mesh);
+        description.counts.instanced_triangles += extent.triangles * drawn.worlds.len() as u64;
+        for world in drawn.worlds.iter().filter(|_| extent.triangles > 0) {
             for corner in extent.corners() {
                 let corner = world.transform_point3(corner);
                 (min, max) = (min.min(corner), max.max(corner));
             }
         }
+    }
+    for Placed { node: index, world } in scene.placed(description.default_scene) {
+        let Some(node) = scene.nodes.get(index) else { continue };
         if let Some(camera) = node.camera.and_then(|camera| scene.cameras.get(camera)) {
             let name = camera.name.clone().or_else(|| node.name.clone());
             let item = CameraItem {

@@ -1,17 +1,25 @@
 //! glTF bytes -> [`Scene`]: plain CPU data, checked, with nothing of the user's able to panic.
 //!
-//! The hierarchy is kept as the file has it (so that a later pose can move it); meshes are decoded once, only if a
-//! node of some scene shows them and only the attributes that their material reads; images stay encoded.
+//! The hierarchy is kept as the file has it, with what moves it: [`Scene::at`] poses it, [`Scene::drawn`] moves vertices.
+//! Meshes are decoded once, only if a node of some scene shows them and only the attributes that their material reads;
+//! images stay encoded.
 //! Frame: glTF's, right-handed, +Y up, metres, colours linear Rec. 709.
 
+mod animation;
+mod deform;
 mod describe;
+mod drawn;
 mod error;
 mod extended;
 mod import;
+pub mod ktx2;
 mod limits;
 mod package;
 
+pub use animation::{Animation, Channel, Curve, Interpolation, Moment, Parts, Path};
+pub use deform::{Influences, Skin, Target};
 pub use describe::{Description, describe};
+pub use drawn::{Drawn, Placed};
 pub use error::{SceneError, SceneErrorKind, Warning};
 pub use extended::{Extended, Volume};
 pub use import::import;
@@ -19,10 +27,11 @@ pub use limits::Limits;
 pub use package::Package;
 
 use glam::{DAffine3, Mat3, Vec2, Vec3, Vec4};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// A checked glTF asset.
-#[derive(Debug, Default)]
+/// A checked glTF asset. Cheap to clone but for its nodes.
+#[derive(Debug, Clone, Default)]
 pub struct Scene {
     /// All nodes of the file, in its order.
     pub nodes: Vec<Node>,
@@ -31,7 +40,7 @@ pub struct Scene {
     /// The file's `scene` property.
     pub default_scene: Option<usize>,
     /// Meshes of the file; those that no scene shows have no primitives.
-    pub meshes: Vec<Mesh>,
+    pub meshes: Arc<Vec<Mesh>>,
     /// Materials of the file, in its order.
     pub materials: Vec<Material>,
     /// Textures of the file that have an image, in its order.
@@ -48,27 +57,12 @@ pub struct Scene {
     pub warnings: Vec<Warning>,
     /// Names of KHR_materials_variants.
     pub variants: Vec<String>,
-    /// Number of animations in the file.
-    pub animation_count: usize,
-    /// Number of skins in the file.
-    pub skin_count: usize,
-}
-
-impl Scene {
-    /// Nodes of scene `index` with their transform to world space, parents first; empty if there is no such scene.
-    pub fn world_transforms(&self, index: usize) -> Vec<(usize, DAffine3)> {
-        let roots = self.scenes.get(index).map_or(&[][..], |scene| &scene.nodes);
-        let mut stack: Vec<(usize, DAffine3)> = roots.iter().rev().map(|root| (*root, DAffine3::IDENTITY)).collect();
-        let mut placed = Vec::new();
-        while let Some((index, parent)) = stack.pop() {
-            if let Some(node) = self.nodes.get(index) {
-                let world = parent * node.local;
-                placed.push((index, world));
-                stack.extend(node.children.iter().rev().map(|child| (*child, world)));
-            }
-        }
-        placed
-    }
+    /// Animations of the file, in its order.
+    pub animations: Arc<Vec<Animation>>,
+    /// By node that some animation moves: its transform at rest, in parts.
+    pub moved: BTreeMap<usize, Parts>,
+    /// Skins of the file, in its order.
+    pub skins: Arc<Vec<Skin>>,
 }
 
 /// One entry of the file's `scenes`.
@@ -95,6 +89,12 @@ pub struct Node {
     pub camera: Option<usize>,
     /// Index into [`Scene::lights`].
     pub light: Option<usize>,
+    /// Index into [`Scene::skins`], which moves the mesh.
+    pub skin: Option<usize>,
+    /// Weights of the mesh's morph targets; none: it has no targets.
+    pub weights: Vec<f64>,
+    /// Places of the mesh relative to the node (EXT_mesh_gpu_instancing); none: one, at the node.
+    pub instances: Option<Arc<[DAffine3]>>,
 }
 
 /// A glTF mesh.
@@ -116,7 +116,7 @@ pub struct Primitive {
     /// xyz of unit length (or zero: none could be made), w the sign of the bitangent. Present only if the material reads
     /// tangents and the primitive has texture coordinates for them.
     pub tangents: Option<Vec<Vec4>>,
-    /// Texture coordinates that the material reads, by `TextureRef::uv_set`.
+    /// Texture coordinates that the material reads, by `TextureRef::uv_set`; beyond those the file's first set, if it has one.
     pub uvs: Vec<Vec<Vec2>>,
     /// Linear RGBA (COLOR_0), each 0 to 1; none: white.
     pub colors: Option<Vec<Vec4>>,
@@ -124,6 +124,10 @@ pub struct Primitive {
     pub triangles: Vec<[u32; 3]>,
     /// Index into [`Scene::materials`]; none: the default material.
     pub material: Option<usize>,
+    /// What the joints of a skin do to it; present only if some node shows it with a skin.
+    pub influences: Option<Influences>,
+    /// Morph targets, in the file's order; none if nothing ever gives them a weight.
+    pub targets: Vec<Target>,
     /// What stands in its place where other variants are drawn (KHR_materials_variants): each with the indices into
     /// [`Scene::variants`] that it is for, and the same triangles with the attributes that its material reads.
     pub alternatives: Vec<(Vec<usize>, Primitive)>,
@@ -183,6 +187,8 @@ pub struct Material {
     pub unlit: bool,
     /// What extensions add; none: nothing.
     pub extended: Option<Arc<Extended>>,
+    /// Index into [`Primitive::uvs`] of the file's first set of texture coordinates, for maps that a request brings.
+    pub first_uv: usize,
 }
 
 impl Default for Material {
@@ -203,6 +209,7 @@ impl Default for Material {
             double_sided: false,
             unlit: false,
             extended: None,
+            first_uv: 0,
         }
     }
 }

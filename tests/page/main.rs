@@ -46,7 +46,9 @@ fn a_visitor_goes_from_a_dropped_model_to_a_picture_and_its_command() {
     the_model_is_rendered(&mut page);
     a_light_changes_the_picture(&mut page);
     the_camera_turns(&mut page);
+    an_animation_moves_the_model(&mut page);
     previews_are_drawn_and_compared(&mut page);
+    spheres_and_materials_change_the_picture(&mut page, folder.path());
     a_render_can_be_cancelled(&mut page);
     the_command_makes_the_same_picture(&mut page, folder.path());
     it_fits_a_phone(&mut page);
@@ -121,6 +123,22 @@ fn the_camera_turns(page: &mut Browser) {
     differs_after(page, "a pinch");
 }
 
+fn an_animation_moves_the_model(page: &mut Browser) {
+    let before = pixels(page);
+    choose_option(page, "[data-setting=animation] select", "0");
+    wait_until_done(page);
+    assert!(difference(&before, &pixels(page)) < CHANGED, "it begins as it rests");
+    page.eval(
+        "(() => {
+            const slider = document.querySelector('[data-setting=time] input[type=range]');
+            slider.value = 1;
+            for (const name of ['input', 'change']) slider.dispatchEvent(new Event(name, { bubbles: true }));
+        })()",
+    );
+    wait_until_done(page);
+    assert!(difference(&before, &pixels(page)) > CHANGED, "it has turned");
+}
+
 fn previews_are_drawn_and_compared(page: &mut Browser) {
     let measured = text(page, "document.querySelector('.convergence svg').ariaLabel");
     assert!(measured.starts_with("Error"), "the error is plotted: {measured}");
@@ -140,6 +158,42 @@ fn previews_are_drawn_and_compared(page: &mut Browser) {
     choose_option(page, "[data-setting=\"preview.shading\"] select", "pbr");
     choose_option(page, "[data-setting=mode] select", "path");
     wait_until_done(page);
+}
+
+/// Leaves a sphere with two maps and a painted material for what follows.
+fn spheres_and_materials_change_the_picture(page: &mut Browser, folder: &Path) {
+    let map = folder.join("bumps.png");
+    let bumps =
+        image::GrayImage::from_fn(32, 16, |x, y| image::Luma([if (x / 4 + y / 4) % 2 == 0 { 250 } else { 30 }]));
+    bumps.save(&map).expect("the map is written");
+    let mut before = pixels(page);
+    let mut differs_after = |page: &mut Browser, what: &str, least: f64| {
+        wait_until_done(page);
+        let now = pixels(page);
+        let apart = difference(&before, &now);
+        assert!(apart > least, "the picture is another after {what}: {apart}");
+        before = now;
+    };
+    for panel in ["#spheres", "#materials"] {
+        page.eval(&format!("document.querySelector('{panel}').closest('details').open = true"));
+    }
+    click(page, "#spheres .row button");
+    differs_after(page, "a sphere", CHANGED);
+    page.choose("#spheres .card .file input", &[&map]);
+    page.wait_for("document.querySelector('#spheres .file-name').textContent === 'bumps.png'");
+    differs_after(page, "its texture", CHANGED / 10.0);
+    choose_option(page, "#spheres [data-field=detail] select", "height");
+    page.choose("#spheres [data-field=detail] + .file input", &[&map]);
+    page.wait_for("document.querySelectorAll('#spheres .file-name')[1].textContent === 'bumps.png'");
+    differs_after(page, "its bumps", CHANGED / 10.0);
+    click(page, "#materials .row button");
+    click(page, "#materials .card .fields .check input");
+    differs_after(page, "another colour", CHANGED);
+    click(page, "#spheres .row:last-child button");
+    differs_after(page, "a second sphere", CHANGED / 10.0);
+    click(page, "#spheres .card:last-child .card-head button");
+    differs_after(page, "its removal", CHANGED / 10.0);
+    page.screenshot("surfaces");
 }
 
 fn a_render_can_be_cancelled(page: &mut Browser) {
@@ -162,7 +216,7 @@ fn the_command_makes_the_same_picture(page: &mut Browser, folder: &Path) {
     let json = command.split_once("params=").and_then(|(_, rest)| rest.split_once('\'')).map(|(json, _)| json);
     let params: RenderParams = serde_json::from_str(json.expect("the parameters are quoted")).expect("they parse");
     assert_eq!((params.width, params.height, params.max_samples), (WIDTH, HEIGHT, SAMPLES));
-    assert_eq!(params.lights.len(), 1);
+    assert_eq!((params.lights.len(), params.spheres.len(), params.overrides.len()), (1, 1, 1));
     if Command::new("curl").arg("--version").output().is_err() {
         eprintln!("SKIPPED: the command is not run, as curl is not installed");
         return;

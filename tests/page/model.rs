@@ -1,4 +1,4 @@
-//! A small model of two files, written for the test: a box, `box.gltf` and `box.bin`.
+//! A small model of two files, written for the test: a box that can turn, `box.gltf` and `box.bin`.
 
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -24,22 +24,33 @@ pub fn write(folder: &Path) -> [PathBuf; 2] {
     let corner = |i: u8| [0, 1, 2].map(|bit| f32::from(i >> bit & 1) - 0.5);
     let positions = (0..8).flat_map(corner).flat_map(f32::to_le_bytes);
     let indices = TRIANGLES.into_iter().flatten().flat_map(u16::to_le_bytes);
-    let bytes: Vec<u8> = positions.chain(indices).collect();
+    // Within a second an eighth of a turn about the vertical.
+    let (sin, cos) = std::f32::consts::FRAC_PI_8.sin_cos();
+    let keys = [0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, sin, 0.0, cos];
+    let bytes: Vec<u8> = positions.chain(indices).chain(keys.into_iter().flat_map(f32::to_le_bytes)).collect();
     let json = json!({
         "asset": { "version": "2.0" },
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
         "nodes": [{ "mesh": 0 }],
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": 0 }] }],
-        "materials": [{ "pbrMetallicRoughness": { "baseColorFactor": [0.2, 0.4, 0.8, 1], "metallicFactor": 0 } }],
+        "materials": [{ "name": "paint", "pbrMetallicRoughness": { "baseColorFactor": [0.2, 0.4, 0.8, 1], "metallicFactor": 0 } }],
         "accessors": [
             { "bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3",
               "min": [-0.5, -0.5, -0.5], "max": [0.5, 0.5, 0.5] },
             { "bufferView": 1, "componentType": 5123, "count": 36, "type": "SCALAR" },
+            { "bufferView": 2, "componentType": 5126, "count": 2, "type": "SCALAR" },
+            { "bufferView": 2, "byteOffset": 8, "componentType": 5126, "count": 2, "type": "VEC4" },
         ],
+        "animations": [{
+            "name": "turn",
+            "samplers": [{ "input": 2, "output": 3 }],
+            "channels": [{ "sampler": 0, "target": { "node": 0, "path": "rotation" } }],
+        }],
         "bufferViews": [
             { "buffer": 0, "byteOffset": 0, "byteLength": 96 },
             { "buffer": 0, "byteOffset": 96, "byteLength": 72 },
+            { "buffer": 0, "byteOffset": 168, "byteLength": 40 },
         ],
         "buffers": [{ "uri": "box.bin", "byteLength": bytes.len() }],
     });

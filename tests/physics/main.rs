@@ -3,11 +3,14 @@
 #[macro_use]
 mod support;
 
+mod asset_generator;
 mod closed_form;
 mod direct;
 mod invariance;
 mod materials;
 mod parts;
 mod preview;
+mod reliefs;
+mod spheres;
 mod stability;
 mod third_party;

@@ -175,7 +175,7 @@ fn mirrored_scenes_give_mirrored_pictures(engine: EngineChoice) {
 
 fn split_triangles_draw_the_same(engine: EngineChoice) {
     let mut fine = table(DAffine3::IDENTITY);
-    for primitive in fine.meshes.iter_mut().flat_map(|mesh| &mut mesh.primitives) {
+    for primitive in Arc::make_mut(&mut fine.meshes).iter_mut().flat_map(|mesh| &mut mesh.primitives) {
         split(primitive);
     }
     assert_same(engine, "split", [placed(DAffine3::IDENTITY), work(&fine, &view(DAffine3::IDENTITY))]);
@@ -221,7 +221,7 @@ fn obstacles() -> Vec<(&'static str, Work)> {
         let place = DAffine3::from_translation(DVec3::new(0.0, y, 1.0));
         scene.nodes.push(candela::scene::Node { mesh: Some(scene.meshes.len()), local: place, ..Default::default() });
         scene.scenes[0].nodes.push(scene.nodes.len() - 1);
-        scene.meshes.push(candela::scene::Mesh {
+        Arc::make_mut(&mut scene.meshes).push(candela::scene::Mesh {
             name: None,
             primitives: vec![Primitive { material: Some(scene.materials.len()), ..part }],
         });

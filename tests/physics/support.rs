@@ -1,6 +1,6 @@
 //! Small scenes built in place, and a render to the end.
 
-use candela::compile::{self, Hdri};
+use candela::compile::{self, Hdri, MapFiles};
 use candela::film::Picture;
 use candela::params::{EngineChoice, RenderParams};
 use candela::render::Engines;
@@ -23,7 +23,7 @@ pub fn scene(parts: Vec<(Primitive, Material, DAffine3)>) -> Scene {
     for (index, (mut primitive, material, local)) in parts.into_iter().enumerate() {
         primitive.material = Some(index);
         scene.materials.push(material);
-        scene.meshes.push(Mesh { name: None, primitives: vec![primitive] });
+        Arc::make_mut(&mut scene.meshes).push(Mesh { name: None, primitives: vec![primitive] });
         scene.nodes.push(Node { mesh: Some(index), local, ..Node::default() });
         root.nodes.push(index);
     }
@@ -80,8 +80,32 @@ pub fn work(scene: &Scene, params: &RenderParams) -> Work {
 
 /// The same under an HDRI.
 pub fn work_with_hdri(scene: &Scene, params: &RenderParams, hdri: Option<Arc<Hdri>>) -> Work {
-    let compiled = Arc::new(compile::compile_scene(scene, params.scene).expect("a scene that compiles"));
+    compiled(scene, params, &MapFiles::new(), hdri)
+}
+
+/// The same with pictures that the parameters name.
+pub fn work_with_maps(scene: &Scene, params: &RenderParams, maps: &MapFiles) -> Work {
+    compiled(scene, params, maps, None)
+}
+
+fn compiled(scene: &Scene, params: &RenderParams, maps: &MapFiles, hdri: Option<Arc<Hdri>>) -> Work {
+    let compiled = Arc::new(compile::compile_request(scene, params, maps).expect("a scene that compiles"));
     prepare(scene, compiled, params, hdri).expect("parameters that fit the scene").work
+}
+
+/// A grey picture of 16 bits, from heights by column and row.
+pub fn heights(width: u32, height: u32, at: impl Fn(u32, u32) -> f64) -> Arc<[u8]> {
+    let picture = image::ImageBuffer::from_fn(width, height, |x, y| {
+        image::Luma([(at(x, y).clamp(0.0, 1.0) * 65535.0).round() as u16])
+    });
+    png(&image::DynamicImage::ImageLuma16(picture))
+}
+
+/// As PNG.
+pub fn png(picture: &image::DynamicImage) -> Arc<[u8]> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    picture.write_to(&mut bytes, image::ImageFormat::Png).expect("a PNG");
+    bytes.into_inner().into()
 }
 
 /// Only the Lambert lobe: many closed forms know no other.

@@ -1,19 +1,12 @@
-//! Every sample scene imports, but those that require what is not supported.
+//! Every sample scene imports, and can be posed.
 
-use super::{assert_sound, load, scenes_below, shared};
-use candela::scene::{SceneErrorKind, describe};
-
-/// Files that require an extension that is not supported, and which.
-const REFUSED: &[(&str, &str)] = &[
-    ("assets/scenes/BoxTextured_meshopt.glb", "EXT_meshopt_compression"),
-    ("assets/scenes/Box_Draco.glb", "KHR_draco_mesh_compression"),
-];
+use super::{assert_poses, assert_sound, load, scenes_below, shared};
+use candela::scene::describe;
 
 #[test]
 fn sample_scenes_import() {
     let Some(shared) = shared() else { return };
     let mut faults = Vec::new();
-    let mut refused = Vec::new();
     let folders = ["assets/scenes", "assets/asset-generator", "fidelity/models"];
     let scenes: Vec<_> = folders.iter().flat_map(|folder| scenes_below(&shared.join(folder))).collect();
     assert!(scenes.len() > 100, "only {} scenes found", scenes.len());
@@ -23,6 +16,7 @@ fn sample_scenes_import() {
         match load(&path) {
             Ok(scene) => {
                 assert_sound(&scene);
+                assert_poses(&scene);
                 let description = describe(&scene);
                 let counts = &description.counts;
                 let codes: Vec<&str> = scene.warnings.iter().map(|warning| warning.code).collect();
@@ -34,16 +28,8 @@ fn sample_scenes_import() {
                     faults.push(format!("{name}: nothing is drawn"));
                 }
             }
-            Err(error) if error.code == "extension_required" => {
-                assert_eq!(error.kind, SceneErrorKind::Invalid);
-                refused.push((name, error.detail));
-            }
             Err(error) => faults.push(format!("{name}: {error}")),
         }
     }
     assert!(faults.is_empty(), "{faults:#?}");
-    assert_eq!(refused.len(), REFUSED.len(), "{refused:#?}");
-    for ((name, detail), (expected, extension)) in refused.iter().zip(REFUSED) {
-        assert!(name == expected && detail.contains(extension), "{name}: {detail}");
-    }
 }

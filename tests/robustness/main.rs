@@ -7,7 +7,7 @@ mod mutations;
 mod overload;
 mod server;
 
-use candela::scene::{Limits, Package, Scene, SceneError, import};
+use candela::scene::{Limits, Moment, Package, Scene, SceneError, import};
 use std::path::{Path, PathBuf};
 
 /// The folder of test assets beside the repository, if it is there.
@@ -53,6 +53,8 @@ fn assert_sound(scene: &Scene) {
         assert!(node.mesh.is_none_or(|mesh| mesh < scene.meshes.len()));
         assert!(node.camera.is_none_or(|camera| camera < scene.cameras.len()));
         assert!(node.light.is_none_or(|light| light < scene.lights.len()));
+        assert!(node.skin.is_none_or(|skin| skin < scene.skins.len()));
+        assert!(node.instances.iter().flat_map(|places| &places[..]).all(|place| place.is_finite()));
     }
     for primitive in scene.meshes.iter().flat_map(|mesh| &mesh.primitives) {
         let count = primitive.positions.len();
@@ -65,10 +67,31 @@ fn assert_sound(scene: &Scene) {
         let colors = primitive.colors.as_ref();
         assert!(colors.is_none_or(|all| all.len() == count && all.iter().all(|color| color.is_finite())));
         assert!(primitive.uvs.iter().all(|all| all.len() == count && all.iter().all(|uv| uv.is_finite())));
+        let influences = primitive.influences.as_ref();
+        assert!(influences.is_none_or(|all| all.joints.len() == count * all.per_vertex));
+        assert!(influences.is_none_or(|all| all.weights.len() == all.joints.len()));
+        for target in &primitive.targets {
+            for list in [&target.positions, &target.normals, &target.tangents] {
+                assert!(list.is_empty() || list.len() == count && list.iter().all(|difference| difference.is_finite()));
+            }
+        }
         let Some(material) = primitive.material else { continue };
         for texture in scene.materials[material].textures() {
             assert!(texture.uv_set < primitive.uvs.len());
             assert!(!scene.images[scene.textures[texture.texture].image].bytes.is_empty());
+        }
+    }
+}
+
+/// Panics unless a scene can be posed at any time, to sound vertices or an error.
+fn assert_poses(scene: &Scene) {
+    for (animation, of_file) in scene.animations.iter().enumerate() {
+        for time in [f64::MIN, of_file.span[0], (of_file.span[0] + of_file.span[1]) * 0.5, f64::MAX] {
+            let posed = scene.at(Some(Moment { animation, time }));
+            for drawn in posed.drawn(0).into_iter().flatten() {
+                let positions = || drawn.mesh.primitives.iter().flat_map(|primitive| &primitive.positions);
+                assert!(positions().all(|position| position.is_finite()));
+            }
         }
     }
 }

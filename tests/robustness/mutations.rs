@@ -1,6 +1,6 @@
 //! Small valid scenes, damaged at random (from a fixed seed) in their bytes and in their JSON values.
 
-use super::assert_sound;
+use super::{assert_poses, assert_sound};
 use candela::scene::{Limits, Package, describe, import};
 use serde_json::{Value, json};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -35,9 +35,10 @@ fn seed() -> (Value, Vec<u8>) {
     float(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0]); // 0: four positions
     float(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0]); // 48: normals
     float(&[0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]); // 96: texture coordinates
-    float(&[1.0; 16]); // 128: colours, or a matrix
+    float(&[1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]); // 128: colours, weights, or a matrix
     bin.extend([0_u8, 1, 2, 0, 2, 3, 1, 0]); // 192: indices
     bin.extend([3_u8, 0, 0, 0]); // 200: sparse indices
+    bin.extend([0_u8; 16]); // 204: joints
     let png = bin.len();
     let pixels = image::RgbImage::from_pixel(2, 2, image::Rgb([9, 9, 9]));
     let mut encoded = std::io::Cursor::new(Vec::new());
@@ -49,12 +50,12 @@ fn seed() -> (Value, Vec<u8>) {
         json!({"count": 1, "indices": {"bufferView": 1, "componentType": 5121}, "values": {"bufferView": 0}});
     let mut quantised = accessor(192, 5121, 4, "VEC2");
     quantised["normalized"] = json!(true);
-    let attributes = json!({"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2, "TEXCOORD_1": 6, "COLOR_0": 3});
+    let attributes = json!({"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2, "TEXCOORD_1": 6, "COLOR_0": 3, "JOINTS_0": 11, "WEIGHTS_0": 3});
     let transform =
         json!({"KHR_texture_transform": {"offset": [0.5, 0], "rotation": 1, "scale": [2, 2], "texCoord": 1}});
     let json = json!({
         "asset": {"version": "2.0", "minVersion": "2.0"},
-        "extensionsUsed": ["KHR_lights_punctual", "KHR_texture_transform", "KHR_materials_emissive_strength", "KHR_materials_variants"],
+        "extensionsUsed": ["KHR_lights_punctual", "KHR_texture_transform", "KHR_materials_emissive_strength", "KHR_materials_variants", "EXT_mesh_gpu_instancing"],
         "extensionsRequired": ["KHR_mesh_quantization"],
         "extensions": {
             "KHR_lights_punctual": {"lights": [{"type": "spot", "intensity": 2, "color": [1, 1, 1], "range": 3, "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.2}}]},
@@ -62,13 +63,14 @@ fn seed() -> (Value, Vec<u8>) {
         },
         "buffers": [{"byteLength": bin.len()}],
         "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": 204}, {"buffer": 0, "byteOffset": 200, "byteLength": 4},
+            {"buffer": 0, "byteOffset": 0, "byteLength": 220}, {"buffer": 0, "byteOffset": 200, "byteLength": 4},
             {"buffer": 0, "byteOffset": png, "byteLength": bin.len() - png}, {"buffer": 0, "byteLength": 48, "byteStride": 12},
         ],
         "accessors": [
             accessor(0, 5126, 4, "VEC3"), accessor(48, 5126, 4, "VEC3"), accessor(96, 5126, 4, "VEC2"), accessor(128, 5126, 4, "VEC4"),
             accessor(192, 5121, 6, "SCALAR"), sparse, quantised, accessor(128, 5126, 1, "MAT4"), accessor(96, 5126, 2, "SCALAR"),
             accessor(0, 5126, 2, "VEC3"), {"bufferView": 3, "componentType": 5126, "count": 4, "type": "VEC3"},
+            accessor(204, 5121, 4, "VEC4"),
         ],
         "images": [{"bufferView": 2, "mimeType": "image/png"}, {"uri": "data:image/png;base64,AAAA"}],
         "samplers": [{"magFilter": 9728, "wrapS": 33071, "wrapT": 33648}],
@@ -80,7 +82,7 @@ fn seed() -> (Value, Vec<u8>) {
             {"doubleSided": true, "extensions": {"KHR_materials_unlit": {}}},
         ],
         "meshes": [
-            {"primitives": [{"attributes": attributes, "indices": 4, "material": 0},
+            {"primitives": [{"attributes": attributes, "indices": 4, "material": 0, "targets": [{"NORMAL": 1}]},
                             {"attributes": {"POSITION": 5, "TEXCOORD_0": 2}, "mode": 5, "material": 0, "targets": [{"POSITION": 10}]}], "weights": [0.5]},
             {"primitives": [{"attributes": {"POSITION": 10}, "mode": 6, "indices": 4, "material": 1}, {"attributes": {"POSITION": 0}, "mode": 0}]},
         ],
@@ -88,10 +90,12 @@ fn seed() -> (Value, Vec<u8>) {
         "nodes": [
             {"children": [1, 2], "translation": [1, 2, 3], "rotation": [0, 0, 0, 1], "scale": [1, -1, 1]},
             {"mesh": 0, "skin": 0, "camera": 0, "extensions": {"KHR_lights_punctual": {"light": 0}}},
-            {"mesh": 1, "camera": 1, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]},
+            {"mesh": 1, "camera": 1, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
+             "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 9}}}},
         ],
         "skins": [{"joints": [1], "inverseBindMatrices": 7, "skeleton": 0}],
-        "animations": [{"samplers": [{"input": 8, "output": 9}], "channels": [{"sampler": 0, "target": {"node": 0, "path": "scale"}}]}],
+        "animations": [{"samplers": [{"input": 8, "output": 9}, {"input": 8, "output": 8}],
+            "channels": [{"sampler": 0, "target": {"node": 0, "path": "scale"}}, {"sampler": 1, "target": {"node": 1, "path": "weights"}}]}],
         "scenes": [{"nodes": [0]}, {}],
         "scene": 0,
     });
@@ -120,6 +124,7 @@ fn run(bytes: Vec<u8>, what: &str) -> bool {
     let result = catch_unwind(AssertUnwindSafe(|| {
         let scene = import(&Package::from_bytes(bytes, &limits())?, &limits())?;
         assert_sound(&scene);
+        assert_poses(&scene);
         serde_json::to_string(&describe(&scene)).expect("a description is JSON");
         Ok::<_, candela::scene::SceneError>(())
     }));

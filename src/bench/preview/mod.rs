@@ -3,7 +3,7 @@
 pub mod lights;
 pub mod post;
 pub mod shadows;
-mod similarity;
+pub(super) mod similarity;
 
 use crate::film::Picture;
 use crate::render::gpu::GpuEngine;

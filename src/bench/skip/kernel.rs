@@ -51,7 +51,7 @@ type Switch = fn(&mut Features);
 pub fn pairs() -> Result<Vec<Pair>> {
     let white = params(json!({"environment": {"constant": [1, 1, 1]}}));
     let bumpy = compiled(&demo_scene("bumpy-160k")?, white.clone())?;
-    let of_bumpy: [(&str, Switch); 8] = [
+    let of_bumpy: [(&str, Switch); 10] = [
         ("alpha test", |f| f.alpha = true),
         ("base colour textures", |f| f.base_color_texture = true),
         ("metallic-roughness textures", |f| f.metallic_roughness_texture = true),
@@ -60,6 +60,8 @@ pub fn pairs() -> Result<Vec<Pair>> {
         ("unlit materials", |f| f.unlit = true),
         ("perfect mirrors", |f| f.mirror = true),
         ("thin lens", |f| f.thin_lens = true),
+        ("spheres", |f| f.spheres = true),
+        ("height, normal and parallax maps", |f| f.detail = true),
     ];
     let mut pairs: Vec<Pair> = Vec::new();
     for (what, force) in of_bumpy {
@@ -122,5 +124,5 @@ fn colors(params: Value) -> Result<Pair> {
 }
 
 fn edit_primitives(scene: &mut Scene, edit: impl Fn(&mut scene::Primitive)) {
-    scene.meshes.iter_mut().flat_map(|mesh| &mut mesh.primitives).for_each(edit);
+    Arc::make_mut(&mut scene.meshes).iter_mut().flat_map(|mesh| &mut mesh.primitives).for_each(edit);
 }

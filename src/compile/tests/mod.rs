@@ -64,7 +64,7 @@ fn scene(meshes: Vec<Mesh>, placed: &[(usize, DAffine3)]) -> Scene {
     let node = |(mesh, local): &(usize, DAffine3)| Node { mesh: Some(*mesh), local: *local, ..Node::default() };
     let nodes: Vec<Node> = placed.iter().map(node).collect();
     let scenes = vec![SceneRoot { name: None, nodes: (0..nodes.len()).collect() }];
-    Scene { nodes, scenes, meshes, ..Scene::default() }
+    Scene { nodes, scenes, meshes: Arc::new(meshes), ..Scene::default() }
 }
 
 /// One triangle with a material.

@@ -5,6 +5,7 @@ use crate::compile::atlas::pack;
 use crate::compile::{CompileError, CompiledScene, NONE, TextureSlot, Triangle, compile_scene};
 use crate::scene::{AlphaMode, Material, Scene, SceneErrorKind};
 use glam::{Mat3, Vec2, Vec3};
+use std::sync::Arc;
 
 #[test]
 fn packing_does_not_overlap() {
@@ -90,7 +91,7 @@ fn blended(texel: impl Fn(u32, u32) -> u8) -> CompiledScene {
     let mut source = triangle_with(Material { alpha_mode: AlphaMode::Blend, ..Material::default() });
     let texture = add_texture(&mut source, 64, 64, |x, y| [255, 255, 255, texel(x, y)]);
     source.materials[0].base_color_texture = Some(texture);
-    for uv in &mut source.meshes[0].primitives[0].uvs[0] {
+    for uv in &mut Arc::make_mut(&mut source.meshes)[0].primitives[0].uvs[0] {
         *uv = *uv * 0.25 + 0.25;
     }
     compiled(&source)

@@ -49,14 +49,15 @@ impl Leaving {
         let mut batch = c.prepare_cached("DELETE FROM batches WHERE number = ?1")?;
         self.batches.iter().try_for_each(|number| batch.execute([number]).map(drop))?;
         c.execute("DELETE FROM usage WHERE day < ?1", [now() / DAY])?;
-        let unused = |table: &str, column: &str| {
+        let unused = |table: &str, needs: &str| {
             let sql = format!(
-                "DELETE FROM {table} WHERE id = ?1
-                 AND NOT EXISTS (SELECT 1 FROM jobs WHERE {column} = ?1 AND ended IS NULL)"
+                "DELETE FROM {table} WHERE id = ?1 AND NOT EXISTS (SELECT 1 FROM jobs WHERE ({needs}) AND ended IS NULL)"
             );
             c.prepare_cached(&sql)
         };
-        let (mut scene, mut image) = (unused("scenes", "scene")?, unused("images", "image")?);
+        // Parameters name maps by their ids.
+        let (mut scene, mut image) =
+            (unused("scenes", "scene = ?1")?, unused("images", "image = ?1 OR instr(params, ?1)")?);
         self.scenes.iter().try_for_each(|id| scene.execute([id]).map(drop))?;
         self.images.iter().try_for_each(|id| image.execute([id]).map(drop))
     }
@@ -127,7 +128,7 @@ fn uploads(c: &Connection, kept: &Kept) -> Result<(Vec<String>, Vec<String>)> {
                    FROM scenes s
                    UNION ALL
                    SELECT i.id, used, deleted, 0, b.bytes,
-                          EXISTS (SELECT 1 FROM jobs WHERE image = i.id AND ended IS NULL)
+                          EXISTS (SELECT 1 FROM jobs WHERE (image = i.id OR instr(params, i.id)) AND ended IS NULL)
                    FROM images i JOIN blobs b ON b.id = i.id
                ) WHERE NOT needed ORDER BY deleted, used DESC";
     let mut query = c.prepare_cached(sql)?;

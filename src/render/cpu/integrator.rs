@@ -6,6 +6,7 @@ use super::environment;
 use super::layers::{self, Crossing, Layered, Media, Reflection, media};
 use super::light::{self, LightSample, LightSampler};
 use super::material::{Bsdf, Model};
+use super::phong::Phong;
 use super::sampler::{Dimension, Sampler};
 use super::sampling::power_heuristic;
 use super::surface::{Surface, coverage};
@@ -142,6 +143,9 @@ impl Integrator {
     }
 
     fn vertex<'a>(&self, surface: &'a Surface, path: &mut Path, sampler: &Sampler) -> Vertex<'a> {
+        if self.work.settings.is_phong() {
+            return self.phong_vertex(surface, path);
+        }
         if let Some(extended) = surface.material.extended(&self.work.scene).filter(|_| self.model.specular) {
             return self.layered_vertex(surface, extended, path, sampler);
         }
@@ -149,6 +153,17 @@ impl Integrator {
         let (x, y) = z.any_orthonormal_pair();
         let frame = DMat3::from_cols(x, y, z);
         let bsdf = Reflection::Core(Bsdf::new(surface.layers(), self.model, frame.transpose() * -path.ray.direction));
+        Vertex { surface, bsdf, frame, crossing: None, media: path.media, bounce: path.bounce }
+    }
+
+    #[inline(never)]
+    fn phong_vertex<'a>(&self, surface: &'a Surface, path: &Path) -> Vertex<'a> {
+        let z = surface.shading_normal;
+        let (x, y) = z.any_orthonormal_pair();
+        let frame = DMat3::from_cols(x, y, z);
+        let (specular, wo) = (self.work.settings.direct.specular, frame.transpose() * -path.ray.direction);
+        let phong = Phong::new(surface.layers(), surface.material.extended(&self.work.scene), specular, wo);
+        let bsdf = Reflection::Phong(phong);
         Vertex { surface, bsdf, frame, crossing: None, media: path.media, bounce: path.bounce }
     }
 

@@ -11,9 +11,12 @@ pub mod integrator;
 pub mod layers;
 pub mod light;
 pub mod material;
+mod phong;
+mod relief;
 mod render;
 pub mod sampler;
 pub mod sampling;
+mod sphere;
 pub mod surface;
 mod texture;
 

@@ -1,7 +1,10 @@
 //! From a hit to a point that can be shaded.
 
+use super::bvh::sphere::normal as sphere_normal;
 use super::bvh::{Hit, TriangleId};
 use super::material::Layers;
+use super::relief::{Chart, Relief};
+use super::sphere;
 use super::texture::{self, Encoding};
 use crate::compile::{CompiledScene, Extended, Instance, Material, NONE, Slot, TextureSlot, Triangle};
 use glam::{DMat3, DVec2, DVec3, DVec4};
@@ -45,6 +48,9 @@ impl<'a> Surface<'a> {
     /// Where a ray of this direction hit.
     pub fn new(scene: &'a CompiledScene, hit: &Hit, direction: DVec3) -> Self {
         let triangle = &scene.triangles[hit.triangle as usize];
+        if triangle.is_sphere() {
+            return Self::of_sphere(scene, triangle, hit, direction);
+        }
         let instance = &scene.instances[hit.instance as usize];
         let weights = DVec3::new(1.0 - hit.u - hit.v, hit.u, hit.v);
         let vertices = scene.indices[hit.triangle as usize];
@@ -66,9 +72,55 @@ impl<'a> Surface<'a> {
             uvs: uvs(scene, vertices, weights),
             vertex_color: vertex_color(scene, vertices, weights),
         };
-        let normal = surface.smooth_normal(instance, vertices, weights, place.normal);
+        let normal = surface.smooth_normal(instance, vertices, weights, place.normal, direction);
         surface.shading_normal = bent_to_view(if back { -normal } else { normal }, front, direction);
         surface
+    }
+
+    /// On a sphere, which stands in the world.
+    #[inline(never)]
+    fn of_sphere(scene: &'a CompiledScene, record: &Triangle, hit: &Hit, direction: DVec3) -> Self {
+        let normal = sphere_normal([hit.u, hit.v]);
+        let (center, radius) = (DVec3::from(record.v0.map(f64::from)), f64::from(record.v1[0]));
+        let back = normal.dot(direction) > 0.0;
+        let front = if back { -normal } else { normal };
+        let (uv, chart) = sphere::layout(record, normal);
+        let mut surface = Self {
+            scene,
+            material: material(scene, record),
+            position: center + radius * normal,
+            geometric_normal: front,
+            shading_normal: front,
+            back,
+            primitive: TriangleId::from(hit),
+            emitter: None,
+            clearance: gamma(ROUNDINGS) * (center.abs().max_element() + radius),
+            weights: DVec3::X,
+            uvs: [uv, DVec2::ZERO],
+            vertex_color: DVec4::ONE,
+        };
+        let bent = surface.detailed_normal(|_| chart, normal, direction).unwrap_or(normal);
+        surface.shading_normal = bent_to_view(if back { -bent } else { bent }, front, direction);
+        surface
+    }
+
+    /// Normal of the front under the material's relief, if it has one; `normal` is that without it. What is seen of the relief
+    /// may lie elsewhere: the texture coordinates are moved there.
+    fn detailed_normal(
+        &mut self,
+        chart: impl FnOnce(usize) -> Chart,
+        normal: DVec3,
+        direction: DVec3,
+    ) -> Option<DVec3> {
+        let detail = self.material.detail.checked_sub(1).and_then(|index| self.scene.details.get(index as usize))?;
+        let uv_set = Relief::uv_set(detail);
+        let relief = Relief { detail, pages: &self.scene.data_pages, chart: chart(uv_set), normal };
+        if relief.has_parallax() && !self.back {
+            self.uvs[uv_set] += relief.parallax(self.uvs, direction);
+        }
+        // A relief that is seen through keeps the material's own normal map; the others replace it.
+        let keeps_own = relief.has_parallax() && self.material.normal_texture.info != NONE;
+        (!keeps_own).then(|| relief.bent_normal(self.uvs))
     }
 
     /// Value of one of the material's textures; white if there is none.
@@ -145,8 +197,22 @@ impl<'a> Surface<'a> {
     }
 
     /// Interpolated and mapped normal of the front, unit length.
-    fn smooth_normal(&self, instance: &Instance, vertices: [u32; 3], weights: DVec3, flat: DVec3) -> DVec3 {
+    fn smooth_normal(
+        &mut self,
+        instance: &Instance,
+        vertices: [u32; 3],
+        weights: DVec3,
+        flat: DVec3,
+        direction: DVec3,
+    ) -> DVec3 {
         let normal = self.interpolated_normal(instance, vertices, weights, flat);
+        if self.material.detail != 0 {
+            let (scene, triangle) = (self.scene, &self.scene.triangles[self.primitive.triangle as usize]);
+            let chart = |uv_set| triangle_chart(scene, triangle, instance, vertices, uv_set);
+            if let Some(bent) = self.detailed_normal(chart, normal, direction) {
+                return bent;
+            }
+        }
         let slot = &self.material.normal_texture;
         if slot.info == NONE {
             return normal;
@@ -172,6 +238,20 @@ impl<'a> Surface<'a> {
         let mapped = texel.x * scale * along + texel.y * scale * across + texel.z * normal;
         mapped.try_normalize().unwrap_or(normal)
     }
+}
+
+/// How a set of texture coordinates lies on a triangle.
+fn triangle_chart(
+    scene: &CompiledScene,
+    triangle: &Triangle,
+    instance: &Instance,
+    vertices: [u32; 3],
+    uv_set: usize,
+) -> Chart {
+    let [a, b, c] = corners(triangle);
+    let map = if scene.two_level { linear_part(&instance.to_world) } else { DMat3::IDENTITY };
+    let [uv, second, third] = [DVec3::X, DVec3::Y, DVec3::Z].map(|corner| uvs(scene, vertices, corner)[uv_set]);
+    Chart::of_triangle([map * (b - a), map * (c - a)], [second - uv, third - uv])
 }
 
 /// Tangent and bitangent in the world, at right angles to a normal of the front.
@@ -239,7 +319,7 @@ pub fn emitted_at(scene: &CompiledScene, triangle: u32, weights: DVec3, cosine: 
 
 /// The material of a triangle.
 pub fn material<'a>(scene: &'a CompiledScene, triangle: &Triangle) -> &'a Material {
-    &scene.materials[(triangle.material & !Triangle::ALPHA) as usize]
+    &scene.materials[triangle.material()]
 }
 
 fn emission(scene: &CompiledScene, material: &Material, uvs: [DVec2; 2], cosine: f64) -> DVec3 {

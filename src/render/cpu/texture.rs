@@ -26,10 +26,24 @@ pub fn sample(pages: &TexturePages, encoding: Encoding, slot: &TextureSlot, uvs:
     if slot.info == NONE {
         return DVec4::ONE;
     }
+    sample_texels(pages, encoding, slot, texel_position(slot, uvs))
+}
+
+/// Texels across and down.
+pub fn size(slot: &TextureSlot) -> DVec2 {
+    DVec2::new(f64::from(slot.size & 0xffff) + 1.0, f64::from(slot.size >> 16) + 1.0)
+}
+
+/// Position in texels of texture coordinates.
+pub fn texel_position(slot: &TextureSlot, uvs: [DVec2; 2]) -> DVec2 {
     let uv = uvs[(slot.info >> 16 & 1) as usize];
     let row = |row: [f32; 3]| f64::from(row[0]) * uv.x + f64::from(row[1]) * uv.y + f64::from(row[2]);
+    DVec2::new(row(slot.row_u), row(slot.row_v)) * size(slot)
+}
+
+/// Value of a texture at a position in texels.
+pub fn sample_texels(pages: &TexturePages, encoding: Encoding, slot: &TextureSlot, position: DVec2) -> DVec4 {
     let [width, height] = [slot.size & 0xffff, slot.size >> 16].map(|last| i64::from(last) + 1);
-    let position = DVec2::new(row(slot.row_u) * width as f64, row(slot.row_v) * height as f64);
     let texel = |x: i64, y: i64| {
         let x = wrap(x, width, slot.info >> 17 & 3) + i64::from(slot.corner & 0xffff);
         let y = wrap(y, height, slot.info >> 19 & 3) + i64::from(slot.corner >> 16);

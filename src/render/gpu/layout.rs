@@ -35,7 +35,9 @@ pub struct Frame {
     pub vertex_uv1: u32,
     pub environment_probability: f32,
     pub extended: u32,
-    pub pad: [u32; 3],
+    pub detail: u32,
+    pub phong_specular: f32,
+    pub pad: u32,
     pub environment_top: [f32; 3],
     pub environment_intensity: f32,
     pub environment_horizon: [f32; 3],
@@ -89,11 +91,13 @@ impl Frame {
     fn set_settings(&mut self, settings: &Settings) {
         self.seed = settings.seed;
         self.max_bounces = settings.max_bounces.unwrap_or(u32::MAX);
+        self.phong_specular = settings.direct.specular;
     }
 
     fn set_vertices(&mut self, scene: &CompiledScene) {
         self.vertices = 3 * scene.indices.len() as u32;
         self.extended = self.vertices + scene.vertices.len() as u32;
+        self.detail = self.extended + (size_of_val(scene.extended.as_slice()) / 4) as u32;
         self.vertex_stride = scene.layout.stride;
         self.vertex_normal = scene.layout.normal;
         self.vertex_tangent = scene.layout.tangent;
@@ -152,7 +156,9 @@ fn filter_table(kind: FilterKind) -> [f32; FILTER_STEPS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compile::{Extended, Instance, LightPick, Material, PunctualLight, SLOTS, Slot, TextureSlot, Triangle};
+    use crate::compile::{
+        Detail, Extended, Instance, LightPick, Material, PunctualLight, SLOTS, Slot, TextureSlot, Triangle,
+    };
     use std::mem::offset_of;
 
     /// Compares the offsets of the named fields, and the size, with those of the WGSL struct of the same name.
@@ -214,6 +220,8 @@ mod tests {
                 vertex_uv1,
                 environment_probability,
                 extended,
+                detail,
+                phong_specular,
                 environment_top,
                 environment_intensity,
                 environment_horizon,
@@ -243,6 +251,7 @@ mod tests {
                 emissive_texture,
                 metallic_roughness_texture,
                 normal_texture,
+                detail,
             }
         );
         assert_mirrors!(module, PunctualLight { position, kind, direction, range, intensity, inner, outer });
@@ -255,6 +264,15 @@ mod tests {
         let value = |name: &str| constant(module, name);
         assert_eq!(value("NONE"), crate::compile::NONE);
         assert_eq!(value("ALPHA_BIT"), Triangle::ALPHA);
+        assert_eq!(value("SPHERE_BIT"), Triangle::SPHERE);
+        assert_eq!(value("DETAIL_NORMAL"), Detail::NORMAL);
+        assert_eq!(value("DETAIL_OFFSET"), Detail::OFFSET);
+        assert_eq!(value("DETAIL_OFFSET_LIMITED"), Detail::OFFSET_LIMITED);
+        assert_eq!(value("DETAIL_STEEP"), Detail::STEEP);
+        assert_eq!(value("DETAIL_WORDS") as usize, size_of::<Detail>() / 4);
+        assert_eq!(value("AT_DETAIL_SCALE") as usize, offset_of!(Detail, scale) / 4);
+        assert_eq!(value("AT_DETAIL_STEPS") as usize, offset_of!(Detail, steps) / 4);
+        assert_eq!(value("AT_DETAIL_MAP") as usize, offset_of!(Detail, map) / 4);
         assert_eq!(value("DOUBLE_SIDED"), Material::DOUBLE_SIDED);
         assert_eq!(value("UNLIT_BIT"), Material::UNLIT);
         assert_eq!(value("FILLED"), Material::FILLED);

@@ -22,6 +22,7 @@ const REGISTERS: u32 = 12;
 pub(in crate::render) struct Variant {
     features: Features,
     direct: bool,
+    phong: bool,
     multiple_scattering: bool,
     strategy: Strategy,
     /// Where the traversal keeps what it has still to visit.
@@ -34,6 +35,7 @@ impl Variant {
         Self {
             features: work.features,
             direct: work.settings.mode == Mode::Direct,
+            phong: work.settings.is_phong(),
             multiple_scattering: work.settings.multiple_scattering,
             strategy: work.settings.strategy,
             stack: stack(work.scene.depth, work.scene.two_level, gpu.info.hardware),
@@ -165,7 +167,7 @@ pub(in crate::render) fn compile_module(gpu: &Gpu, wgsl: &str, stack: u32) -> wg
 }
 
 /// Values of the override constants of `shaders/lib/features.wesl`.
-pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 34] {
+pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 37] {
     let f = variant.features;
     let flag = |value: bool| f64::from(u8::from(value));
     [
@@ -191,12 +193,15 @@ pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 34
         ("SHEEN", flag(f.sheen)),
         ("ANISOTROPY", flag(f.anisotropy)),
         ("IRIDESCENCE", flag(f.iridescence)),
+        ("SPHERES", flag(f.spheres)),
+        ("DETAIL", flag(f.detail)),
         ("PUNCTUAL", flag(f.punctual)),
         ("EMITTERS", flag(f.emitters)),
         ("THIN_LENS", flag(f.thin_lens)),
         ("ORTHOGRAPHIC", flag(f.orthographic)),
         ("ENVIRONMENT", f64::from(f.environment)),
         ("DIRECT", flag(variant.direct)),
+        ("PHONG", flag(variant.phong)),
         ("MULTIPLE_SCATTERING", flag(variant.multiple_scattering)),
         ("SOBOL", flag(variant.strategy.sobol)),
         ("LIGHT_SAMPLES", flag(variant.strategy.light_samples)),
@@ -216,8 +221,8 @@ mod tests {
         let module = naga::front::wgsl::parse_str(PATHTRACE_WGSL).expect("WGSL that parses");
         let declared: BTreeSet<&str> = module.overrides.iter().filter_map(|(_, o)| o.name.as_deref()).collect();
         let (features, strategy) = (Features::default(), Strategy::default());
-        let variant =
-            Variant { features, direct: false, multiple_scattering: true, strategy, stack: Stack::Registers(12) };
+        let stack = Stack::Registers(12);
+        let variant = Variant { features, direct: false, phong: false, multiple_scattering: true, strategy, stack };
         let set: BTreeSet<&str> = constants(variant).iter().map(|(name, _)| *name).collect();
         assert_eq!(declared, set);
     }

@@ -114,6 +114,7 @@ fn upload_scene(gpu: &Gpu, scene: &CompiledScene) -> Result<GpuScene, RenderErro
     let mut attributes: Vec<u32> = scene.indices.as_flattened().to_vec();
     attributes.extend_from_slice(&scene.vertices);
     attributes.extend_from_slice(bytemuck::cast_slice(&scene.extended));
+    attributes.extend_from_slice(bytemuck::cast_slice(&scene.details));
     Ok(GpuScene {
         nodes: upload_records(gpu, "tree nodes", bytemuck::cast_slice(&scene.nodes))?,
         triangles: upload_records(gpu, "triangles", bytemuck::cast_slice(&scene.triangles))?,

@@ -23,6 +23,8 @@ pub struct Frame {
     pub draws: Vec<(Range<u32>, u32)>,
     /// Vertices of the blended triangles.
     pub blended_vertices: u32,
+    /// Vertices of the spheres' rectangles.
+    pub sphere_vertices: u32,
     /// All lights.
     pub lights: u32,
     /// Lights that tiles are listed for.
@@ -35,12 +37,20 @@ pub struct Frame {
     pub groups: Groups,
 }
 
+/// Pipelines of a pass over the scene.
+pub struct ScenePipelines {
+    /// Of triangles.
+    pub mesh: Arc<RenderPipeline>,
+    /// Of spheres, if there are any.
+    pub spheres: Option<Arc<RenderPipeline>>,
+}
+
 /// Pipelines of the passes that the picture needs.
 #[allow(missing_docs, reason = "named as the passes")]
 pub struct FramePipelines {
-    pub shadow: Option<Arc<RenderPipeline>>,
-    pub depth: Option<Arc<RenderPipeline>>,
-    pub surfaces: Arc<RenderPipeline>,
+    pub shadow: Option<ScenePipelines>,
+    pub depth: Option<ScenePipelines>,
+    pub surfaces: ScenePipelines,
     pub measure: Option<Arc<ComputePipeline>>,
     pub cull: Option<Arc<ComputePipeline>>,
     pub gizmos: Option<Arc<RenderPipeline>>,
@@ -57,6 +67,7 @@ pub struct Groups {
     pub projection: BindGroup,
     pub light: BindGroup,
     pub blended: Option<BindGroup>,
+    pub spheres: Option<BindGroup>,
     pub tiles: BindGroup,
     pub finish: BindGroup,
 }
@@ -67,8 +78,7 @@ impl Frame {
         let Some(pipeline) = &self.pipelines.shadow else { return };
         for (view, slot) in self.shadow_maps.iter().zip(1..) {
             let mut pass = begin(encoder, &[], view, LoadOp::Clear(0.0));
-            pass.set_pipeline(pipeline);
-            self.draw_scene(&mut pass, slot);
+            self.draw_scene(&mut pass, pipeline, slot);
         }
     }
 
@@ -78,12 +88,10 @@ impl Frame {
         if self.pipelines.deferred {
             let colors = [&targets.surface, &targets.radiance].map(|view| (view, CLEAR));
             let mut pass = begin(encoder, &colors, &targets.depth, LoadOp::Clear(0.0));
-            pass.set_pipeline(&self.pipelines.surfaces);
-            self.draw_scene(&mut pass, 0);
+            self.draw_scene(&mut pass, &self.pipelines.surfaces, 0);
         } else if let Some(pipeline) = &self.pipelines.depth {
             let mut pass = begin(encoder, &[], &targets.depth, LoadOp::Clear(0.0));
-            pass.set_pipeline(pipeline);
-            self.draw_scene(&mut pass, 0);
+            self.draw_scene(&mut pass, pipeline, 0);
         }
         self.cull(encoder);
     }
@@ -97,19 +105,24 @@ impl Frame {
             let depth = if clear_depth { LoadOp::Clear(0.0) } else { LoadOp::Load };
             let mut pass = begin(encoder, &[(&targets.radiance, color_load(is_first))], &targets.depth, depth);
             pass.set_scissor_rect(0, rows.start, self.size.0, rows.len() as u32);
-            pass.set_pipeline(&self.pipelines.surfaces);
             pass.set_bind_group(2, &self.groups.light, &[]);
-            self.draw_scene(&mut pass, 0);
+            self.draw_scene(&mut pass, &self.pipelines.surfaces, 0);
         }
         self.draw_overlay(encoder, rows);
         self.finish(encoder, rows);
     }
 
-    fn draw_scene(&self, pass: &mut RenderPass<'_>, slot: u32) {
+    fn draw_scene(&self, pass: &mut RenderPass<'_>, pipelines: &ScenePipelines, slot: u32) {
+        pass.set_pipeline(&pipelines.mesh);
         pass.set_bind_group(0, &self.groups.scene, &[]);
         pass.set_bind_group(1, &self.groups.projection, &[slot * PROJECTION_STRIDE as u32]);
         for (vertices, instance) in &self.draws {
             pass.draw(vertices.clone(), *instance..*instance + 1);
+        }
+        if let (Some(pipeline), Some(spheres)) = (&pipelines.spheres, &self.groups.spheres) {
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(3, spheres, &[]);
+            pass.draw(0..self.sphere_vertices, 0..1);
         }
     }
 

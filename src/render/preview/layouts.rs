@@ -15,8 +15,8 @@ pub struct Layouts {
     pub projection: BindGroupLayout,
     /// Group 2: light.
     pub light: BindGroupLayout,
-    /// Group 3 of blended triangles.
-    pub blended: BindGroupLayout,
+    /// Group 3 of what is listed: blended triangles, spheres.
+    pub listed: BindGroupLayout,
     /// Group 1 of culling.
     pub tiles: BindGroupLayout,
     /// Group 3 of passes over pixels.
@@ -25,8 +25,10 @@ pub struct Layouts {
     pub depth_pipeline: PipelineLayout,
     /// Of drawing passes with light.
     pub light_pipeline: PipelineLayout,
-    /// Of blended triangles.
-    pub blended_pipeline: PipelineLayout,
+    /// Of what is listed, without light.
+    pub listed_depth_pipeline: PipelineLayout,
+    /// The same with light.
+    pub listed_light_pipeline: PipelineLayout,
     /// Of culling.
     pub tiles_pipeline: PipelineLayout,
     /// Of passes over pixels.
@@ -65,7 +67,7 @@ impl Layouts {
                 (4, ShaderStages::FRAGMENT | ShaderStages::COMPUTE, pages(TextureSampleType::Depth)),
             ],
         );
-        let blended = group(gpu, "blended", &[(0, ShaderStages::VERTEX, storage(true))]);
+        let listed = group(gpu, "listed", &[(0, ShaderStages::VERTEX, storage(true))]);
         let compute = ShaderStages::COMPUTE;
         let tiles = group(
             gpu,
@@ -99,13 +101,14 @@ impl Layouts {
         Self {
             depth_pipeline: pipeline(&[Some(&scene), Some(&projection)]),
             light_pipeline: pipeline(&[Some(&scene), Some(&projection), Some(&light)]),
-            blended_pipeline: pipeline(&[Some(&scene), Some(&projection), Some(&light), Some(&blended)]),
+            listed_depth_pipeline: pipeline(&[Some(&scene), Some(&projection), None, Some(&listed)]),
+            listed_light_pipeline: pipeline(&[Some(&scene), Some(&projection), Some(&light), Some(&listed)]),
             tiles_pipeline: pipeline(&[Some(&scene), Some(&tiles)]),
             finish_pipeline: pipeline(&[Some(&scene), None, Some(&light), Some(&finish)]),
             scene,
             projection,
             light,
-            blended,
+            listed,
             tiles,
             finish,
         }

@@ -7,13 +7,16 @@
 mod ambient;
 mod bands;
 mod camera;
+mod draws;
 mod faces;
 mod frame;
+mod groups;
 mod layout;
 mod layouts;
 mod lights;
 mod pipelines;
 mod render;
+mod shadow_maps;
 mod targets;
 
 pub use render::PreviewRender;

@@ -90,6 +90,15 @@ pub enum Draw {
     Gizmos,
 }
 
+/// What a drawing pass draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Shape {
+    /// Triangles.
+    Mesh,
+    /// Spheres.
+    Spheres,
+}
+
 /// A pass of compute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Compute {
@@ -106,7 +115,7 @@ pub enum Compute {
 /// Pipelines made so far.
 pub struct Pipelines {
     modules: HashMap<(&'static str, u32), wgpu::ShaderModule>,
-    draws: HashMap<(Draw, Style), Arc<wgpu::RenderPipeline>>,
+    draws: HashMap<(Draw, Shape, Style), Arc<wgpu::RenderPipeline>>,
     computes: HashMap<(Compute, Style), Arc<wgpu::ComputePipeline>>,
 }
 
@@ -117,15 +126,22 @@ impl Pipelines {
     }
 
     /// The pipeline of a drawing pass.
-    pub fn draw(&mut self, gpu: &Gpu, layouts: &Layouts, pass: Draw, style: Style) -> Arc<wgpu::RenderPipeline> {
+    pub fn draw(
+        &mut self,
+        gpu: &Gpu,
+        layouts: &Layouts,
+        pass: Draw,
+        shape: Shape,
+        style: Style,
+    ) -> Arc<wgpu::RenderPipeline> {
         let lit = matches!(pass, Draw::Forward { .. } | Draw::Blended);
         let style = if lit { style } else { Style { light: None, ..style } };
-        if let Some(made) = self.draws.get(&(pass, style)) {
+        if let Some(made) = self.draws.get(&(pass, shape, style)) {
             return Arc::clone(made);
         }
         let module = self.module(gpu, DRAW_WGSL, style.scene.stack.in_memory());
-        let made = Arc::new(create_draw(gpu, layouts, &module, pass, style));
-        self.draws.insert((pass, style), Arc::clone(&made));
+        let made = Arc::new(create_draw(gpu, layouts, &module, pass, shape, style));
+        self.draws.insert((pass, shape, style), Arc::clone(&made));
         made
     }
 
@@ -170,6 +186,7 @@ fn create_draw(
     layouts: &Layouts,
     module: &wgpu::ShaderModule,
     pass: Draw,
+    shape: Shape,
     style: Style,
 ) -> wgpu::RenderPipeline {
     use wgpu::CompareFunction::{Greater, GreaterEqual};
@@ -180,7 +197,7 @@ fn create_draw(
         write_mask: wgpu::ColorWrites::ALL,
     });
     let cut = style.alpha.then_some("cut");
-    let (vertex, fragment, targets, layout, writes_depth, compare) = match pass {
+    let (mut vertex, mut fragment, targets, mut layout, writes_depth, compare) = match pass {
         Draw::Shadow | Draw::Depth => ("mesh", cut, vec![], &layouts.depth_pipeline, true, Greater),
         Draw::Geometry => {
             let targets = vec![opaque(SURFACE), opaque(RADIANCE)];
@@ -190,9 +207,16 @@ fn create_draw(
             let compare = if over_depth { GreaterEqual } else { Greater };
             ("mesh", Some("forward"), vec![opaque(RADIANCE)], &layouts.light_pipeline, true, compare)
         }
-        Draw::Blended => ("blended_mesh", Some("blended"), vec![over], &layouts.blended_pipeline, false, Greater),
+        Draw::Blended => ("blended_mesh", Some("blended"), vec![over], &layouts.listed_light_pipeline, false, Greater),
         Draw::Gizmos => ("gizmo_mesh", Some("gizmo"), vec![opaque(OVERLAY)], &layouts.light_pipeline, true, Greater),
     };
+    if shape == Shape::Spheres {
+        (vertex, fragment, layout) = match pass {
+            Draw::Geometry => ("sphere_mesh", Some("sphere_geometry"), &layouts.listed_depth_pipeline),
+            Draw::Forward { .. } => ("sphere_mesh", Some("sphere_forward"), &layouts.listed_light_pipeline),
+            _ => ("sphere_mesh", Some("sphere_depth"), &layouts.listed_depth_pipeline),
+        };
+    }
     let constants = declared(DRAW_WGSL, &style.constants(pass != Draw::Shadow, pass == Draw::Blended));
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some(fragment.unwrap_or("depth")),

@@ -3,27 +3,27 @@
 use super::Previews;
 use super::bands::Bands;
 use super::camera::{jitter, projection};
-use super::frame::{Frame, FramePipelines, Groups};
-use super::layout::{Preview, PreviewLight, Projection};
-use super::layouts::{Layouts, PROJECTION_STRIDE};
+use super::draws::{Listed, draws};
+use super::frame::{Frame, FramePipelines, ScenePipelines};
+use super::groups::{Binder, Uploads};
+use super::layout::{Preview, Projection};
+use super::layouts::Layouts;
 use super::lights::PreviewLights;
-use super::pipelines::{Compute, Draw, Pipelines, Style};
-use super::targets::{DEPTH, Extent, Targets};
-use crate::compile::{CompiledScene, Instance, Triangle, View};
+use super::pipelines::{Compute, Draw, Pipelines, Shape, Style};
+use super::shadow_maps::ShadowMaps;
+use super::targets::Extent;
+use crate::compile::{CompiledScene, View};
 use crate::film::{Film, TILE_PIXELS, TileSamples};
-use crate::params::{PreviewParams, ShadingPath, ShadowAlgorithm, ShadowHash};
+use crate::params::{PreviewParams, ShadingPath, ShadowHash};
 use crate::render::gpu::Gpu;
 use crate::render::gpu::layout::Frame as SceneFrame;
-use crate::render::gpu::render::uniform;
-use crate::render::gpu::resources::{GpuEnvironment, GpuScene, Resources};
+use crate::render::gpu::resources::Resources;
 use crate::render::{DeviceInfo, NonFinite, Render, RenderError, StopReason, Work};
 use bytemuck::Zeroable;
-use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use wgpu::BindingResource;
 
 /// How often the film is made while there is more to come.
 const COLLECT_PERIOD: Duration = Duration::from_secs(1);
@@ -79,8 +79,8 @@ impl PreviewRender {
         let scene = resources.scene(gpu, &work.scene)?;
         let environment = resources.environment(gpu, &work.lighting.environment)?;
         let lights = PreviewLights::new(&work.scene, &work.lighting.lights, params);
-        let blended = blended_triangles(&work.scene, &work.view);
-        let has_overlay = params.gizmos && !lights.lights.is_empty() || !blended.is_empty();
+        let listed = Listed::new(&work.scene, &work.view);
+        let has_overlay = params.gizmos && !lights.lights.is_empty() || !listed.blended.is_empty();
         let extent = Extent {
             width: work.view.width,
             height: work.view.height,
@@ -89,17 +89,21 @@ impl PreviewRender {
             bounded_lights: if params.culling { lights.lights.len() as u32 - lights.unbounded } else { 0 },
         };
         let targets = previews.targets.take(gpu, extent)?;
-        let uploads = Uploads::new(gpu, work, &lights, &blended)?;
-        let maps = shadow_maps(gpu, params, lights.faces.len() as u32)?;
+        let uploads = Uploads::new(gpu, work, &lights, &listed)?;
+        let maps = ShadowMaps::new(gpu, params, lights.faces.len() as u32)?;
         let albedo = resources.albedo(gpu, &work.scene);
         let binder =
             Binder { gpu, layouts: &previews.layouts, scene: &scene, environment: &environment, albedo: &albedo };
         let groups = binder.groups(&uploads, &targets, &maps.array);
         let style = Style::new(gpu, work, &lights);
-        let passes =
-            Passes { extent, gizmos: params.gizmos && !lights.lights.is_empty(), blended: !blended.is_empty() };
-        let pipelines =
-            passes.pipelines(gpu, &mut previews.pipelines, &previews.layouts, style, !maps.layers.is_empty());
+        let passes = Passes {
+            extent,
+            gizmos: params.gizmos && !lights.lights.is_empty(),
+            blended: !listed.blended.is_empty(),
+            spheres: !listed.spheres.is_empty(),
+            shadow_maps: !maps.layers.is_empty(),
+        };
+        let pipelines = passes.pipelines(gpu, &mut previews.pipelines, &previews.layouts, style);
         let mut preview = shading_values(params, &work.scene);
         preview.harmonics = previews.harmonics.get(&work.lighting.environment);
         preview.tiles_across = targets.grid.across;
@@ -109,7 +113,7 @@ impl PreviewRender {
         preview.mask_words = targets.grid.mask_words;
         preview.light_count = lights.lights.len() as u32;
         preview.unbounded_count = lights.unbounded;
-        preview.open_tiles = u32::from(!blended.is_empty());
+        preview.open_tiles = u32::from(!listed.blended.is_empty());
         preview.has_overlay = u32::from(has_overlay);
         let Uploads { preview_buffer, projections, .. } = uploads;
         Ok(Self {
@@ -118,7 +122,8 @@ impl PreviewRender {
                 targets,
                 size: (extent.width, extent.height),
                 draws: draws(&work.scene),
-                blended_vertices: 3 * blended.len() as u32,
+                blended_vertices: 3 * listed.blended.len() as u32,
+                sphere_vertices: 6 * listed.spheres.len() as u32,
                 lights: lights.lights.len() as u32,
                 culled_lights: extent.bounded_lights,
                 shadow_maps: maps.layers,
@@ -254,187 +259,36 @@ fn add_to_film(film: &mut Film, sums: &[[f32; 4]], samples: u32) {
     film.add(&work, &lanes);
 }
 
-/// Buffers of one picture.
-struct Uploads {
-    scene_frame: wgpu::Buffer,
-    preview_buffer: wgpu::Buffer,
-    /// The camera's, then those of the shadow maps, [`PROJECTION_STRIDE`] bytes apart.
-    projections: wgpu::Buffer,
-    /// Those of the shadow maps, side by side.
-    faces: wgpu::Buffer,
-    lights: wgpu::Buffer,
-    blended: Option<wgpu::Buffer>,
-}
-
-impl Uploads {
-    fn new(gpu: &Gpu, work: &Work, lights: &PreviewLights, blended: &[[u32; 2]]) -> Result<Self, RenderError> {
-        let mut faces = [Projection::zeroed(); super::faces::MAX_FACES];
-        faces.iter_mut().zip(&lights.faces).for_each(|(slot, face)| *slot = *face);
-        let mut projections = vec![0; PROJECTION_STRIDE as usize * (1 + lights.faces.len())];
-        for (slot, face) in projections.chunks_exact_mut(PROJECTION_STRIDE as usize).skip(1).zip(&lights.faces) {
-            slot[..size_of::<Projection>()].copy_from_slice(bytemuck::bytes_of(face));
-        }
-        let blended_bytes = bytemuck::cast_slice(blended);
-        Ok(Self {
-            scene_frame: uniform(gpu, "frame", bytemuck::bytes_of(&SceneFrame::new(work))),
-            preview_buffer: uniform(gpu, "preview", bytemuck::bytes_of(&Preview::zeroed())),
-            projections: uniform(gpu, "projections", &projections),
-            faces: uniform(gpu, "faces", bytemuck::cast_slice(&faces)),
-            lights: gpu.storage("lights", bytemuck::cast_slice(&lights.lights), size_of::<PreviewLight>())?,
-            blended: (!blended.is_empty()).then(|| gpu.storage("blended triangles", blended_bytes, 8)).transpose()?,
-        })
-    }
-}
-
-/// Makes bind groups.
-struct Binder<'a> {
-    gpu: &'a Gpu,
-    layouts: &'a Layouts,
-    scene: &'a GpuScene,
-    environment: &'a GpuEnvironment,
-    albedo: &'a wgpu::TextureView,
-}
-
-impl Binder<'_> {
-    fn groups(&self, uploads: &Uploads, targets: &Targets, maps: &wgpu::TextureView) -> Groups {
-        let texture = BindingResource::TextureView;
-        let projection = wgpu::BufferBinding {
-            buffer: &uploads.projections,
-            offset: 0,
-            size: wgpu::BufferSize::new(size_of::<Projection>() as u64),
-        };
-        let (layouts, scene) = (self.layouts, self.scene);
-        let blended = uploads.blended.as_ref();
-        Groups {
-            scene: self.group(
-                &layouts.scene,
-                &[
-                    (0, uploads.scene_frame.as_entire_binding()),
-                    (2, texture(&scene.nodes)),
-                    (3, texture(&scene.triangles)),
-                    (4, scene.attributes.as_entire_binding()),
-                    (5, scene.instances.as_entire_binding()),
-                    (6, scene.materials.as_entire_binding()),
-                    (10, texture(&scene.color_pages)),
-                    (11, texture(&scene.data_pages)),
-                    (12, texture(&self.environment.texels)),
-                    (14, texture(self.albedo)),
-                ],
-            ),
-            projection: self.group(&layouts.projection, &[(0, BindingResource::Buffer(projection))]),
-            light: self.group(
-                &layouts.light,
-                &[
-                    (0, uploads.preview_buffer.as_entire_binding()),
-                    (1, uploads.lights.as_entire_binding()),
-                    (2, targets.masks.as_entire_binding()),
-                    (3, uploads.faces.as_entire_binding()),
-                    (4, texture(maps)),
-                ],
-            ),
-            blended: blended.map(|buffer| self.group(&layouts.blended, &[(0, buffer.as_entire_binding())])),
-            tiles: self.group(
-                &layouts.tiles,
-                &[
-                    (0, uploads.preview_buffer.as_entire_binding()),
-                    (1, uploads.lights.as_entire_binding()),
-                    (2, targets.tile_depths.as_entire_binding()),
-                    (3, targets.masks.as_entire_binding()),
-                    (4, texture(&targets.depth)),
-                ],
-            ),
-            finish: self.group(
-                &layouts.finish,
-                &[
-                    (0, texture(&targets.surface)),
-                    (1, texture(&targets.radiance)),
-                    (2, texture(&targets.depth)),
-                    (3, texture(&targets.overlay)),
-                    (4, targets.sums.as_entire_binding()),
-                ],
-            ),
-        }
-    }
-
-    fn group(&self, layout: &wgpu::BindGroupLayout, bindings: &[(u32, BindingResource<'_>)]) -> wgpu::BindGroup {
-        let entries: Vec<_> = bindings
-            .iter()
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding: *binding, resource: resource.clone() })
-            .collect();
-        self.gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
-    }
-}
-
 /// Which passes there are.
 struct Passes {
     extent: Extent,
     gizmos: bool,
     blended: bool,
+    spheres: bool,
+    shadow_maps: bool,
 }
 
 impl Passes {
-    fn pipelines(
-        &self,
-        gpu: &Gpu,
-        pipelines: &mut Pipelines,
-        layouts: &Layouts,
-        style: Style,
-        shadow_maps: bool,
-    ) -> FramePipelines {
+    fn pipelines(&self, gpu: &Gpu, pipelines: &mut Pipelines, layouts: &Layouts, style: Style) -> FramePipelines {
         let culls = self.extent.bounded_lights > 0;
         let deferred = self.extent.deferred;
         let surfaces = if deferred { Draw::Geometry } else { Draw::Forward { over_depth: culls } };
         let finish = if deferred { Compute::Light } else { Compute::Gather };
-        let mut draw = |pass, wanted: bool| wanted.then(|| pipelines.draw(gpu, layouts, pass, style));
-        let (shadow, depth) = (draw(Draw::Shadow, shadow_maps), draw(Draw::Depth, culls && !deferred));
-        let (gizmos, blended) = (draw(Draw::Gizmos, self.gizmos), draw(Draw::Blended, self.blended));
-        let surfaces = pipelines.draw(gpu, layouts, surfaces, style);
+        let mut draw = |pass, shape| pipelines.draw(gpu, layouts, pass, shape, style);
+        let gizmos = self.gizmos.then(|| draw(Draw::Gizmos, Shape::Mesh));
+        let blended = self.blended.then(|| draw(Draw::Blended, Shape::Mesh));
+        let mut scene = |pass| ScenePipelines {
+            mesh: draw(pass, Shape::Mesh),
+            spheres: self.spheres.then(|| draw(pass, Shape::Spheres)),
+        };
+        let shadow = self.shadow_maps.then(|| scene(Draw::Shadow));
+        let depth = (culls && !deferred).then(|| scene(Draw::Depth));
+        let surfaces = scene(surfaces);
         let mut compute = |pass, wanted: bool| wanted.then(|| pipelines.compute(gpu, layouts, pass, style));
         let (measure, cull) = (compute(Compute::Measure, culls), compute(Compute::Cull, culls));
         let finish = pipelines.compute(gpu, layouts, finish, style);
         FramePipelines { shadow, depth, surfaces, measure, cull, gizmos, blended, finish, deferred }
     }
-}
-
-/// Shadow maps: all for the shaders, each to draw to.
-struct ShadowMaps {
-    array: wgpu::TextureView,
-    layers: Vec<wgpu::TextureView>,
-}
-
-fn shadow_maps(gpu: &Gpu, params: &PreviewParams, faces: u32) -> Result<ShadowMaps, RenderError> {
-    let drawn = if params.shadows.algorithm == ShadowAlgorithm::Ray { 0 } else { faces };
-    let limits = gpu.device.limits();
-    let side = if drawn > 0 { params.shadows.map_size } else { 1 };
-    if side > limits.max_texture_dimension_2d || drawn > limits.max_texture_array_layers {
-        return Err(RenderError::TooLarge(format!(
-            "{drawn} shadow maps of {side} texels a side; {} takes {} of {}: ask for smaller maps or fewer lights with shadows",
-            gpu.info.name, limits.max_texture_array_layers, limits.max_texture_dimension_2d
-        )));
-    }
-    let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("shadow maps"),
-        size: wgpu::Extent3d { width: side, height: side, depth_or_array_layers: drawn.max(1) },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: DEPTH,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
-        view_formats: &[],
-    });
-    let layer = |base_array_layer| {
-        texture.create_view(&wgpu::TextureViewDescriptor {
-            dimension: Some(wgpu::TextureViewDimension::D2),
-            base_array_layer,
-            array_layer_count: Some(1),
-            ..Default::default()
-        })
-    };
-    let dimension = Some(wgpu::TextureViewDimension::D2Array);
-    Ok(ShadowMaps {
-        array: texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() }),
-        layers: (0..drawn).map(layer).collect(),
-    })
 }
 
 /// What the request says, as the shaders read it.
@@ -457,51 +311,4 @@ fn shading_values(params: &PreviewParams, scene: &CompiledScene) -> Preview {
         map_size: shadows.map_size,
         ..Preview::zeroed()
     }
-}
-
-/// Triangles of each instance's mesh: from its first to the next mesh's.
-fn meshes(scene: &CompiledScene) -> Vec<Range<u32>> {
-    let all = scene.triangles.len() as u32;
-    let first = |instance: &Instance| if scene.two_level { instance.first_triangle } else { 0 };
-    let mut firsts: Vec<u32> = scene.instances.iter().map(first).collect();
-    firsts.sort_unstable();
-    let range = |instance| {
-        let first = first(instance);
-        first..firsts.get(firsts.partition_point(|&other| other <= first)).copied().unwrap_or(all)
-    };
-    scene.instances.iter().map(range).collect()
-}
-
-/// Vertices and instance of each draw: three vertices a triangle.
-fn draws(scene: &CompiledScene) -> Vec<(Range<u32>, u32)> {
-    meshes(scene).into_iter().map(|mesh| 3 * mesh.start..3 * mesh.end).zip(0..).collect()
-}
-
-/// (triangle, instance) of what is blended, from far to near.
-fn blended_triangles(scene: &CompiledScene, view: &View) -> Vec<[u32; 2]> {
-    let is_blended = |triangle: &Triangle| {
-        let material = scene.materials.get((triangle.material & !Triangle::ALPHA) as usize);
-        triangle.material & Triangle::ALPHA != 0 && material.is_some_and(|material| material.alpha_cutoff == -1.0)
-    };
-    let blended: Vec<u32> =
-        (0..).zip(&scene.triangles).filter(|(_, t)| is_blended(t)).map(|(index, _)| index).collect();
-    if blended.is_empty() {
-        return Vec::new();
-    }
-    let to_view = view.to_world.inverse();
-    let mut found: Vec<(f32, [u32; 2])> = Vec::new();
-    for (index, (instance, mesh)) in (0..).zip(scene.instances.iter().zip(meshes(scene))) {
-        let rows = instance.to_world.map(glam::Vec4::from_array);
-        let matrix = glam::Mat4::from_cols(rows[0], rows[1], rows[2], glam::Vec4::W).transpose();
-        let to_view = to_view * Affine3A::from_mat4(matrix);
-        let from = blended.partition_point(|&triangle| triangle < mesh.start);
-        for &triangle in blended[from..].iter().take_while(|&&triangle| triangle < mesh.end) {
-            let Triangle { v0, v1, v2, .. } = scene.triangles[triangle as usize];
-            let centre = [v0, v1, v2].into_iter().map(Vec3::from_array).sum::<Vec3>() / 3.0;
-            found.push((to_view.transform_point3(centre).z, [triangle, index]));
-        }
-    }
-    // The camera looks along -z; what is as far keeps the order of the scene.
-    found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    found.into_iter().map(|(_, entry)| entry).collect()
 }

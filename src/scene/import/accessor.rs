@@ -97,7 +97,9 @@ pub(super) fn open<'a>(data: &'a Data<'_>, index: usize) -> Result<Accessor<'a>,
         SceneError::invalid("accessor_out_of_bounds", format!("{pointer}/count"), detail)
     })?;
     let mut accessor = Accessor { pointer, format, count, base: None, stride: format.size() as usize, sparse: None };
-    if let Some(view) = source.buffer_view {
+    if let Some(elements) = data.decoded(index) {
+        accessor.base = Some(elements);
+    } else if let Some(view) = source.buffer_view {
         accessor.place(data, view, source.byte_offset)?;
     }
     if let Some(sparse) = &source.sparse {
@@ -207,8 +209,8 @@ impl<'a> Accessor<'a> {
         })
     }
 
-    /// The elements `selection` (all if none), which must be below `count`, as numbers; components beyond those
-    /// stored are `fill`. Integers are mapped to 0..1 or -1..1 if normalised (3.6.2.2).
+    /// The elements `selection` (all if none), which must be below `count`, as numbers (of matrices only those of four
+    /// bytes, column by column); components beyond those stored are `fill`. Integers are mapped to 0..1 or -1..1 if normalised (3.6.2.2).
     pub(super) fn numbers<const N: usize>(
         &self,
         selection: Option<&[u32]>,
@@ -222,7 +224,9 @@ impl<'a> Accessor<'a> {
         let size = self.format.component.size() as usize;
         let decode = |bytes: &[u8]| {
             let mut element = [fill; N];
-            for (value, number) in element.iter_mut().zip(bytes.chunks_exact(size).take(self.format.rows)) {
+            for (value, number) in
+                element.iter_mut().zip(bytes.chunks_exact(size).take(self.format.rows * self.format.columns))
+            {
                 *value = convert(number);
             }
             element

@@ -24,7 +24,10 @@ pub(super) fn check(
     }
     for (target, attributes) in primitive.targets.iter().enumerate() {
         for (name, index) in attributes {
-            check_count(&open(data, *index)?, count, &|| format!("{place}/targets/{target}/{}", escape(name)))?;
+            let accessor = open(data, *index)?;
+            let place = || format!("{place}/targets/{target}/{}", escape(name));
+            check_target(name, accessor.format, quantized, &place)?;
+            check_count(&accessor, count, &place)?;
         }
     }
     Ok(count)
@@ -50,6 +53,17 @@ fn check_format(name: &str, format: Format, quantized: bool, place: &dyn Fn() ->
     }
     let hint = if quantizable { "; it is with KHR_mesh_quantization, which the file does not declare" } else { "" };
     let detail = format!("{format} is not allowed for {name}{hint}");
+    Err(SceneError::invalid("accessor_type", place(), detail))
+}
+
+/// Differences of morph targets: three numbers, tangents too (3.7.2.2).
+fn check_target(name: &str, format: Format, quantized: bool, place: &dyn Fn() -> String) -> Result<(), SceneError> {
+    let small = !matches!(format.component, Component::F32 | Component::U32);
+    let allowed = format.component == Component::F32 || (quantized && small);
+    if !["POSITION", "NORMAL", "TANGENT"].contains(&name) || ((format.rows, format.columns) == (3, 1) && allowed) {
+        return Ok(());
+    }
+    let detail = format!("{format} is not allowed for {name} of a morph target");
     Err(SceneError::invalid("accessor_type", place(), detail))
 }
 

@@ -1,15 +1,22 @@
-//! Bytes of buffers and buffer views.
+//! Bytes of buffers, buffer views and accessors, unpacked.
 
+use super::budget::Budget;
 use super::schema::Root;
+use super::{draco, meshopt};
 use crate::scene::package::uri::{self, Uri};
 use crate::scene::{Limits, Package, SceneError};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// The document with its binary data at hand.
 pub(super) struct Data<'a> {
     pub root: &'a Root,
     buffers: Vec<Cow<'a, [u8]>>,
+    /// By buffer view: its bytes, if they are packed in the file.
+    unpacked: BTreeMap<usize, Vec<u8>>,
+    /// Accessors that are packed in the file.
+    decoded: draco::Decoded,
 }
 
 /// Where a URI leads.
@@ -21,12 +28,13 @@ pub(super) enum Located<'a> {
 }
 
 impl<'a> Data<'a> {
-    /// Finds all buffers and checks that all views lie within them.
+    /// Finds all buffers, checks that all views lie within them, and unpacks what is packed.
     pub(super) fn new(
         root: &'a Root,
         package: &'a Package,
         bin: Option<&'a [u8]>,
         limits: &Limits,
+        budget: &mut Budget,
     ) -> Result<Self, SceneError> {
         if root.buffers.len() > limits.buffers {
             let detail =
@@ -35,26 +43,43 @@ impl<'a> Data<'a> {
         }
         let buffers =
             (0..root.buffers.len()).map(|index| buffer(root, index, package, bin)).collect::<Result<_, _>>()?;
-        let data = Self { root, buffers };
+        let mut data = Self { root, buffers, unpacked: BTreeMap::new(), decoded: draco::Decoded::new() };
+        for (index, view) in root.buffer_views.iter().enumerate() {
+            let Some((packed, place)) = meshopt::of_view(view, &format!("/bufferViews/{index}"))? else { continue };
+            let source = data.part(packed.buffer, packed.byte_offset, packed.byte_length, &place)?;
+            let bytes = meshopt::decode(&packed, source, view.byte_length, &place, budget)?;
+            data.unpacked.insert(index, bytes);
+        }
         for index in 0..root.buffer_views.len() {
             data.view(index)?;
         }
+        data.decoded = draco::decode(&data, limits, budget)?;
         Ok(data)
+    }
+
+    /// The elements of an accessor that was packed by itself, side by side.
+    pub(super) fn decoded(&self, accessor: usize) -> Option<&[u8]> {
+        self.decoded.get(&accessor).map(Vec::as_slice)
     }
 
     /// Bytes of a buffer view.
     pub(super) fn view(&self, index: usize) -> Result<&[u8], SceneError> {
         let pointer = format!("/bufferViews/{index}");
         let view = self.root.buffer_views.get(index).ok_or_else(|| missing(&pointer, "buffer view", index))?;
-        let buffer = self.buffers.get(view.buffer);
-        let buffer = buffer.ok_or_else(|| missing(&format!("{pointer}/buffer"), "buffer", view.buffer))?;
-        slice(buffer, view.byte_offset, view.byte_length).ok_or_else(|| {
+        match self.unpacked.get(&index) {
+            Some(bytes) => Ok(bytes),
+            None => self.part(view.buffer, view.byte_offset, view.byte_length, &pointer),
+        }
+    }
+
+    /// Some bytes of a buffer; `pointer` is what asks for them.
+    fn part(&self, buffer: usize, offset: u64, length: u64, pointer: &str) -> Result<&[u8], SceneError> {
+        let bytes = self.buffers.get(buffer);
+        let bytes = bytes.ok_or_else(|| missing(&format!("{pointer}/buffer"), "buffer", buffer))?;
+        slice(bytes, offset, length).ok_or_else(|| {
             let detail = format!(
-                "the view of {} bytes at byte {} does not fit in buffer {} of {} bytes; export the file again",
-                view.byte_length,
-                view.byte_offset,
-                view.buffer,
-                buffer.len()
+                "the view of {length} bytes at byte {offset} does not fit in buffer {buffer} of {} bytes; export the file again",
+                bytes.len()
             );
             SceneError::invalid("buffer_view_out_of_bounds", format!("{pointer}/byteLength"), detail)
         })
@@ -81,6 +106,9 @@ fn buffer<'a>(
 ) -> Result<Cow<'a, [u8]>, SceneError> {
     let pointer = format!("/buffers/{index}");
     let buffer = root.buffers.get(index).ok_or_else(|| missing(&pointer, "buffer", index))?;
+    if meshopt::is_fallback(&buffer.extensions, &pointer)? {
+        return Ok(Cow::Borrowed(&[]));
+    }
     let bytes: Cow<'a, [u8]> = match (&buffer.uri, bin) {
         (Some(uri), _) => match locate(uri, &format!("{pointer}/uri"), package)? {
             Located::Inline(bytes) => bytes.into(),

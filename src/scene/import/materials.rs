@@ -20,7 +20,7 @@ pub(super) struct ReadMaterial {
 }
 
 /// Sets that a vertex can carry.
-const UV_SETS: usize = 2;
+pub(super) const UV_SETS: usize = 2;
 
 /// Reads material `index`. `slots` gives the scene's texture for the file's, or none if it cannot be shown.
 pub(super) fn read(
@@ -31,8 +31,9 @@ pub(super) fn read(
 ) -> Result<ReadMaterial, SceneError> {
     let place = format!("/materials/{index}");
     let mut reader = Reader { place, slots, uv_sets: Vec::new(), warnings };
-    let material = reader.material(source)?;
+    let mut material = reader.material(source)?;
     let tangents = reader.tangents(&material);
+    material.first_uv = reader.uv_sets.iter().position(|set| *set == 0).unwrap_or(reader.uv_sets.len());
     Ok(ReadMaterial { material, uv_sets: reader.uv_sets, tangents })
 }
 

@@ -1,34 +1,43 @@
 //! glTF bytes -> [`Scene`]. The order of the steps is the order of trust: text, structure, references, numbers.
 
 mod accessor;
+mod animations;
 mod attributes;
+mod budget;
 mod cameras;
 pub(super) mod container;
 mod data;
 mod document;
+mod draco;
 mod extended;
 mod extensions;
+mod instances;
 mod materials;
 mod meshes;
+mod meshopt;
+mod movable;
 mod nodes;
 mod number;
 mod punctual;
 mod references;
 mod schema;
+mod skins;
 mod tangents;
 #[cfg(test)]
 pub(super) mod testing;
 mod textures;
 mod triangles;
-mod unposed;
+mod vertices;
 
 use super::error::Warnings;
-use super::{Limits, Package, Primitive, Scene, SceneError};
+use super::{Animation, Limits, Package, Path, Primitive, Scene, SceneError};
+use budget::Budget;
 use data::Data;
 use materials::ReadMaterial;
-use meshes::Decoder;
+use meshes::{Decoder, Need, Tally};
 use nodes::Hierarchy;
 use schema::{Lights, Root, Variants};
+use std::sync::Arc;
 use textures::Textures;
 
 /// Reads the glTF of a package. Whatever the bytes are, the answer is a scene that is safe to index, or an error with
@@ -44,35 +53,48 @@ pub fn import(package: &Package, limits: &Limits) -> Result<Scene, SceneError> {
     let variants: Option<Variants> = root_extension(&root, schema::VARIANTS)?;
     let lights = lights.map_or_else(Vec::new, |lights| lights.lights);
     references::check(&root, lights.len(), variants.as_ref().map_or(0, |list| list.variants.len()))?;
-    let data = Data::new(&root, package, container.bin, limits)?;
+    let mut budget = Budget::new(limits, package.bytes());
+    let data = Data::new(&root, package, container.bin, limits, &mut budget)?;
     (0..root.accessors.len()).try_for_each(|index| accessor::open(&data, index).map(drop))?;
     meshes::check(&data)?;
-    unposed::check(&data, &mut warnings)?;
+    let skins = skins::read(&data, &mut budget)?;
+    let mut animations = animations::read(&data, &mut budget, &mut warnings)?;
+    let hierarchy = nodes::read(&data, limits, &mut budget, &mut warnings)?;
+    animations::find_moved_meshes(&mut animations, &hierarchy.nodes, &skins);
 
     // Read what the scenes show.
-    let hierarchy = nodes::read(&root, limits, &mut warnings)?;
     let textures = textures::read(&root, &mut warnings)?;
     let materials = read_materials(&root, &textures, &mut warnings)?;
-    let shown = shown_meshes(&root, &hierarchy);
-    let meshes = Decoder::new(&data, &materials, limits, package.bytes(), &mut warnings).meshes(&shown)?;
+    let needs = needs(&root, &hierarchy, &animations);
+    let mut decoder = Decoder {
+        data: &data,
+        materials: &materials,
+        limits,
+        budget: &mut budget,
+        warnings: &mut warnings,
+        tally: Tally::default(),
+    };
+    let meshes = decoder.meshes(&needs)?;
+    skins::check_joints(&hierarchy.nodes, &meshes, &skins)?;
     let drawn = meshes.iter().flat_map(|mesh| &mesh.primitives);
     let drawn = drawn.flat_map(|drawn| drawn.alternatives.iter().map(|(_, other)| other).chain([drawn]));
     let images =
         textures::images(&data, package, &used_images(drawn, &materials, &textures, root.images.len()), limits)?;
 
     Ok(Scene {
+        moved: animations::moved(&root, &animations, &hierarchy.nodes, &mut warnings),
         nodes: hierarchy.nodes,
         scenes: hierarchy.scenes,
         default_scene: root.scene,
-        meshes,
+        meshes: Arc::new(meshes),
         materials: materials.into_iter().map(|read| read.material).collect(),
         textures: textures.list,
         images,
         cameras: cameras::read(&root.cameras, &mut warnings)?,
         lights: punctual::read(&lights, &mut warnings)?,
         variants: variants.into_iter().flat_map(|list| list.variants).map(|variant| variant.name).collect(),
-        animation_count: root.animations.len(),
-        skin_count: root.skins.len(),
+        animations: Arc::new(animations),
+        skins: Arc::new(skins),
         extensions,
         warnings: warnings.finish(),
     })
@@ -87,15 +109,24 @@ fn read_materials(root: &Root, textures: &Textures, warnings: &mut Warnings) -> 
     materials.map(|(index, source)| materials::read(source, index, &textures.slots, warnings)).collect()
 }
 
-/// By mesh: whether a node of a scene shows it.
-fn shown_meshes(root: &Root, hierarchy: &Hierarchy) -> Vec<bool> {
-    let mut shown = vec![false; root.meshes.len()];
-    for (node, _) in hierarchy.nodes.iter().zip(&hierarchy.shown).filter(|(_, shown)| **shown) {
-        if let Some(shown) = node.mesh.and_then(|mesh| shown.get_mut(mesh)) {
-            *shown = true;
+/// By mesh: what the nodes of the scenes that show it make of it.
+fn needs(root: &Root, hierarchy: &Hierarchy, animations: &[Animation]) -> Vec<Need> {
+    let mut needs = vec![Need::default(); root.meshes.len()];
+    let mut weighted = vec![false; hierarchy.nodes.len()];
+    for channel in animations.iter().flat_map(|animation| &animation.channels) {
+        if let Some(weighted) = weighted.get_mut(channel.node).filter(|_| channel.path == Path::Weights) {
+            *weighted = true;
         }
     }
-    shown
+    let nodes = hierarchy.nodes.iter().zip(weighted).zip(&hierarchy.shown);
+    for ((node, weighted), _) in nodes.filter(|(_, shown)| **shown) {
+        if let Some(need) = node.mesh.and_then(|mesh| needs.get_mut(mesh)) {
+            need.shown = true;
+            need.skinned |= node.skin.is_some();
+            need.morphed |= weighted || node.weights.iter().any(|weight| *weight != 0.0);
+        }
+    }
+    needs
 }
 
 /// By image: whether a material of a primitive that is drawn reads it.

@@ -1,6 +1,10 @@
 //! Nodes and scenes: transforms, and a hierarchy that is a forest of limited depth.
 
+use super::animations::targets;
+use super::budget::Budget;
+use super::data::Data;
 use super::document;
+use super::instances;
 use super::number::not_finite;
 use super::schema::{self, NodeLight, Root};
 use crate::scene::error::Warnings;
@@ -16,8 +20,18 @@ pub(super) struct Hierarchy {
 }
 
 /// Reads nodes and scenes; references have been checked.
-pub(super) fn read(root: &Root, limits: &Limits, warnings: &mut Warnings) -> Result<Hierarchy, SceneError> {
-    let nodes = root.nodes.iter().enumerate().map(|(index, source)| node(source, index, warnings));
+pub(super) fn read(
+    data: &Data<'_>,
+    limits: &Limits,
+    budget: &mut Budget,
+    warnings: &mut Warnings,
+) -> Result<Hierarchy, SceneError> {
+    let root = data.root;
+    let nodes = root.nodes.iter().enumerate().map(|(index, source)| {
+        let place = format!("/nodes/{index}");
+        let instances = instances::read(data, source, &place, budget)?;
+        Ok(Node { instances, weights: weights(root, source, index)?, ..node(source, &place, warnings)? })
+    });
     let nodes = nodes.collect::<Result<Vec<_>, _>>()?;
     let has_parent = check_parents(&nodes)?;
     let tops: Vec<usize> = (0..nodes.len()).filter(|index| !has_parent.get(*index).copied().unwrap_or(false)).collect();
@@ -34,18 +48,39 @@ pub(super) fn read(root: &Root, limits: &Limits, warnings: &mut Warnings) -> Res
     Ok(Hierarchy { nodes, scenes, shown })
 }
 
-fn node(source: &schema::Node, index: usize, warnings: &mut Warnings) -> Result<Node, SceneError> {
+fn node(source: &schema::Node, place: &str, warnings: &mut Warnings) -> Result<Node, SceneError> {
     let light = source.extensions.get("KHR_lights_punctual");
-    let place = format!("/nodes/{index}");
-    let light = light.map(|content| document::extension::<NodeLight>(content, &place)).transpose()?;
+    let light = light.map(|content| document::extension::<NodeLight>(content, place)).transpose()?;
+    if source.skin.is_some() && source.extensions.contains_key(instances::NAME) {
+        let detail = "joints say where a skinned mesh is; it is drawn once";
+        warnings.add("instances_ignored", format!("{place}/extensions/{}", instances::NAME), detail);
+    }
     Ok(Node {
         name: source.name.clone(),
-        local: transform(source, &place, warnings)?,
+        local: transform(source, place, warnings)?,
         children: source.children.clone(),
         mesh: source.mesh,
         camera: source.camera,
         light: light.map(|light| light.light),
+        skin: source.skin,
+        ..Node::default()
     })
+}
+
+/// Weights of the morph targets of the node's mesh: the node's own, else the mesh's, else 0.
+fn weights(root: &Root, node: &schema::Node, index: usize) -> Result<Vec<f64>, SceneError> {
+    let Some(mesh_index) = node.mesh else { return Ok(Vec::new()) };
+    let targets = targets(root, index);
+    let of_mesh = root.meshes.get(mesh_index).map_or(&[][..], |mesh| &mesh.weights);
+    let lists =
+        [(&node.weights[..], format!("/nodes/{index}/weights")), (of_mesh, format!("/meshes/{mesh_index}/weights"))];
+    let given = lists.into_iter().find(|(list, _)| !list.is_empty());
+    let Some((weights, place)) = given else { return Ok(vec![0.0; targets]) };
+    if weights.len() != targets {
+        let detail = format!("{} weights for {targets} morph targets; there must be one for each", weights.len());
+        return Err(SceneError::invalid("morph_weights", place, detail));
+    }
+    weights.iter().map(|weight| super::number::finite(*weight, &place).map(f64::from)).collect()
 }
 
 fn transform(node: &schema::Node, place: &str, warnings: &mut Warnings) -> Result<DAffine3, SceneError> {
@@ -76,7 +111,7 @@ fn transform(node: &schema::Node, place: &str, warnings: &mut Warnings) -> Resul
     Ok(DAffine3::from_scale_rotation_translation(scale, rotation / length, translation))
 }
 
-fn affine(elements: &[f64; 16], place: &str) -> Result<DAffine3, SceneError> {
+pub(super) fn affine(elements: &[f64; 16], place: &str) -> Result<DAffine3, SceneError> {
     let matrix = DMat4::from_cols_array(elements);
     if !matrix.as_mat4().is_finite() {
         return Err(not_finite(place, matrix));

@@ -86,6 +86,8 @@ pub(super) struct SparseValues {
 pub(super) struct Buffer {
     pub byte_length: u64,
     pub uri: Option<String>,
+    #[serde(default)]
+    pub extensions: Extensions,
 }
 
 #[derive(Debug, Deserialize)]
@@ -96,6 +98,8 @@ pub(super) struct BufferView {
     pub byte_offset: u64,
     pub byte_length: u64,
     pub byte_stride: Option<u64>,
+    #[serde(default)]
+    pub extensions: Extensions,
 }
 
 #[derive(Debug, Deserialize)]
@@ -234,6 +238,7 @@ pub(super) struct Image {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Skin {
+    pub name: Option<String>,
     pub inverse_bind_matrices: Option<usize>,
     pub skeleton: Option<usize>,
     pub joints: Vec<usize>,
@@ -241,6 +246,7 @@ pub(super) struct Skin {
 
 #[derive(Debug, Deserialize)]
 pub(super) struct Animation {
+    pub name: Option<String>,
     pub channels: Vec<Channel>,
     pub samplers: Vec<AnimationSampler>,
 }
@@ -295,6 +301,13 @@ pub(super) struct NodeLight {
     pub light: usize,
 }
 
+/// EXT_mesh_gpu_instancing of a node.
+#[derive(Debug, Deserialize)]
+pub(super) struct Instancing {
+    #[serde(default)]
+    pub attributes: BTreeMap<String, usize>,
+}
+
 /// KHR_materials_emissive_strength.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
@@ -312,9 +325,38 @@ pub(super) struct TextureTransform {
     pub tex_coord: Option<u32>,
 }
 
-/// EXT_texture_webp.
+/// EXT_meshopt_compression or KHR_meshopt_compression of a buffer view.
 #[derive(Debug, Deserialize)]
-pub(super) struct WebpTexture {
+#[serde(rename_all = "camelCase")]
+pub(super) struct Meshopt {
+    pub buffer: usize,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub byte_length: u64,
+    pub byte_stride: u64,
+    pub count: u64,
+    pub mode: String,
+    pub filter: Option<String>,
+}
+
+/// The same of a buffer.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct MeshoptFallback {
+    pub fallback: bool,
+}
+
+/// KHR_draco_mesh_compression of a primitive.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Draco {
+    pub buffer_view: usize,
+    pub attributes: BTreeMap<String, u32>,
+}
+
+/// EXT_texture_webp or KHR_texture_basisu.
+#[derive(Debug, Deserialize)]
+pub(super) struct OtherSource {
     pub source: usize,
 }
 

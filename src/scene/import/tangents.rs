@@ -175,11 +175,28 @@ fn split(primitive: &mut Primitive, corners: &[Vec4]) {
     for uvs in &mut primitive.uvs {
         *uvs = gather(uvs, &sources);
     }
+    if let Some(influences) = &mut primitive.influences {
+        influences.joints = gather_groups(&influences.joints, influences.per_vertex, &sources);
+        influences.weights = gather_groups(&influences.weights, influences.per_vertex, &sources);
+    }
+    for target in &mut primitive.targets {
+        for list in [&mut target.positions, &mut target.normals, &mut target.tangents] {
+            if !list.is_empty() {
+                *list = gather(list, &sources);
+            }
+        }
+    }
     primitive.tangents = Some(tangents);
 }
 
 fn gather<T: Copy + Default>(values: &[T], sources: &[u32]) -> Vec<T> {
     sources.iter().map(|source| values.get(*source as usize).copied().unwrap_or_default()).collect()
+}
+
+/// The same for values of which each vertex has `size`.
+fn gather_groups<T: Copy + Default>(values: &[T], size: usize, sources: &[u32]) -> Vec<T> {
+    let group = |source: &u32| *source as usize * size..(*source as usize + 1) * size;
+    sources.iter().flat_map(|source| values.get(group(source)).unwrap_or_default()).copied().collect()
 }
 
 #[cfg(test)]

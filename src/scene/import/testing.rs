@@ -1,5 +1,6 @@
 //! Small glTFs built in tests.
 
+use super::budget::Budget;
 use super::data::Data;
 use super::{document, import};
 use crate::scene::{Limits, Package, Scene, SceneError};
@@ -50,12 +51,18 @@ pub(in crate::scene) fn error_of(builder: &Builder) -> SceneError {
 #[derive(Clone)]
 pub(in crate::scene) struct Builder {
     pub json: Value,
+    /// Buffers beside the first, which is the BIN chunk.
+    pub extra_buffers: Vec<Value>,
     bin: Vec<u8>,
 }
 
 impl Default for Builder {
     fn default() -> Self {
-        Self { json: json!({"asset": {"version": "2.0"}, "bufferViews": [], "accessors": []}), bin: Vec::new() }
+        Self {
+            json: json!({"asset": {"version": "2.0"}, "bufferViews": [], "accessors": []}),
+            extra_buffers: Vec::new(),
+            bin: Vec::new(),
+        }
     }
 }
 
@@ -112,21 +119,50 @@ impl Builder {
 
     /// As a GLB.
     pub(in crate::scene) fn package(&self) -> Package {
-        let mut json = self.json.clone();
-        json["buffers"] = json!([{"byteLength": self.bin.len()}]);
+        let json = self.with_buffers();
         let bytes = glb(&[(0x4E4F_534A, json.to_string().as_bytes()), (0x004E_4942, &self.bin)]);
         Package::from_bytes(bytes, &Limits::default()).unwrap()
     }
 
     /// Calls `read` with the data of the file.
     pub(super) fn with_data<T>(&self, read: impl FnOnce(&Data<'_>) -> Result<T, SceneError>) -> Result<T, SceneError> {
-        let mut json = self.json.clone();
-        json["buffers"] = json!([{"byteLength": self.bin.len()}]);
-        let root = document::parse(json.to_string().as_bytes(), &Limits::default())?;
+        let root = document::parse(self.with_buffers().to_string().as_bytes(), &Limits::default())?;
         let package = self.package();
-        let data = Data::new(&root, &package, Some(&self.bin), &Limits::default())?;
+        let mut budget = Budget::new(&Limits::default(), package.bytes());
+        let data = Data::new(&root, &package, Some(&self.bin), &Limits::default(), &mut budget)?;
         read(&data)
     }
+
+    fn with_buffers(&self) -> Value {
+        let mut json = self.json.clone();
+        let buffers = [json!({"byteLength": self.bin.len()})].into_iter().chain(self.extra_buffers.iter().cloned());
+        json["buffers"] = buffers.collect();
+        json
+    }
+
+    /// The first buffer.
+    pub(in crate::scene) fn bin_mut(&mut self) -> &mut Vec<u8> {
+        &mut self.bin
+    }
+}
+
+/// A triangle with texture coordinates in sets 0 and 3, normals and tangents.
+pub(in crate::scene) fn full() -> Builder {
+    let mut builder = Builder::triangle();
+    builder.attribute("TEXCOORD_0", &[0.0, 1.0, 1.0, 1.0, 0.0, 0.0], "VEC2");
+    builder.attribute("TEXCOORD_3", &[0.5; 6], "VEC2");
+    builder.attribute("NORMAL", &[0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], "VEC3");
+    builder.attribute("TANGENT", &[0.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0], "VEC4");
+    builder
+}
+
+pub(in crate::scene) fn with_material(mut builder: Builder, material: &Value) -> Builder {
+    builder.json["materials"] = json!([material]);
+    builder.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let view = builder.view(PNG);
+    builder.json["images"] = json!([{"bufferView": view, "mimeType": "image/png"}]);
+    builder.json["textures"] = json!([{"source": 0}]);
+    builder
 }
 
 fn push(array: &mut Value, item: Value) -> usize {

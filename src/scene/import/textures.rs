@@ -2,9 +2,9 @@
 
 use super::data::{Data, Located, locate};
 use super::document;
-use super::schema::{Root, Sampler, WebpTexture};
+use super::schema::{OtherSource, Root, Sampler};
 use crate::scene::error::Warnings;
-use crate::scene::{Image, Limits, Package, SceneError, Texture, Wrap};
+use crate::scene::{Image, Limits, Package, SceneError, Texture, Wrap, ktx2};
 use image::{ImageFormat, ImageReader};
 use std::io::Cursor;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ pub(super) fn read(root: &Root, warnings: &mut Warnings) -> Result<Textures, Sce
     let mut textures = Textures { list: Vec::new(), slots: Vec::new() };
     for (index, source) in root.textures.iter().enumerate() {
         let Some(image) = image_of(root, index)? else {
-            let detail = "the texture has no image of a supported format (PNG, JPEG, WebP) and is left out";
+            let detail = "the texture has no image of a supported format (PNG, JPEG, WebP, KTX2) and is left out";
             warnings.add("texture_missing", format!("/textures/{index}"), detail);
             textures.slots.push(None);
             continue;
@@ -36,14 +36,18 @@ pub(super) fn read(root: &Root, warnings: &mut Warnings) -> Result<Textures, Sce
     Ok(textures)
 }
 
-/// The image that texture `index` shows: of EXT_texture_webp, else its own.
+/// Extensions that name another image than the texture's own, the preferred one first.
+const OTHER_SOURCES: [&str; 2] = ["KHR_texture_basisu", "EXT_texture_webp"];
+
+/// The image that texture `index` shows: that of an extension, else its own.
 fn image_of(root: &Root, index: usize) -> Result<Option<usize>, SceneError> {
     let Some(texture) = root.textures.get(index) else { return Ok(None) };
-    let Some(content) = texture.extensions.get("EXT_texture_webp") else { return Ok(texture.source) };
-    let place = format!("/textures/{index}/extensions/EXT_texture_webp");
-    let webp: WebpTexture = document::extension(content, &place)?;
-    super::references::one(Some(webp.source), root.images.len(), "image", || format!("{place}/source"))?;
-    Ok(Some(webp.source))
+    let other = OTHER_SOURCES.iter().find_map(|name| Some((name, texture.extensions.get(*name)?)));
+    let Some((name, content)) = other else { return Ok(texture.source) };
+    let place = format!("/textures/{index}/extensions/{name}");
+    let other: OtherSource = document::extension(content, &place)?;
+    super::references::one(Some(other.source), root.images.len(), "image", || format!("{place}/source"))?;
+    Ok(Some(other.source))
 }
 
 /// A texture without its image yet.
@@ -122,21 +126,26 @@ fn bytes(data: &Data<'_>, package: &Package, index: usize, is_used: bool) -> Res
 
 /// Reads the header; the number of pixels.
 fn sniff(bytes: &[u8], pointer: &str) -> Result<u64, SceneError> {
+    let broken = |why: String| SceneError::invalid("image_broken", pointer, why);
+    let (width, height) = if ktx2::is_ktx2(bytes) { ktx2::size(bytes).map_err(broken)? } else { size(bytes, pointer)? };
+    if width == 0 || height == 0 {
+        return Err(broken("the image has no pixels".to_owned()));
+    }
+    Ok(u64::from(width) * u64::from(height))
+}
+
+fn size(bytes: &[u8], pointer: &str) -> Result<(u32, u32), SceneError> {
     let mut reader = ImageReader::new(Cursor::new(bytes));
     match image::guess_format(bytes) {
         Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) => reader.set_format(format),
         _ => {
-            let detail = "the image is neither PNG, JPEG nor WebP; convert it";
+            let detail = "the image is neither PNG, JPEG, WebP nor KTX2; convert it";
             return Err(SceneError::invalid("image_format", pointer, detail));
         }
     }
-    let size = reader.into_dimensions().map_err(|error| {
+    reader.into_dimensions().map_err(|error| {
         SceneError::invalid("image_broken", pointer, format!("the header of the image cannot be read: {error}"))
-    })?;
-    if size.0 == 0 || size.1 == 0 {
-        return Err(SceneError::invalid("image_broken", pointer, "the image has no pixels"));
-    }
-    Ok(u64::from(size.0) * u64::from(size.1))
+    })
 }
 
 #[cfg(test)]
@@ -189,6 +198,15 @@ mod tests {
         let textures = json!([{"source": 0, "extensions": {"EXT_texture_webp": {"source": 1}}}]);
         let scene = scene_of(&textured(textures, json!([{"uri": "data:,x"}, {"uri": data_uri(PNG)}])));
         assert_eq!(scene.textures[0].image, 1);
+    }
+
+    #[test]
+    fn ktx2_textures_win_over_all_others() {
+        let others = json!({"EXT_texture_webp": {"source": 0}, "KHR_texture_basisu": {"source": 1}});
+        let textures = json!([{"source": 0, "extensions": others}]);
+        let file = crate::scene::ktx2::tests::two_colors([[9; 4]; 2]);
+        let scene = scene_of(&textured(textures, json!([{"uri": "data:,x"}, {"uri": data_uri(&file)}])));
+        assert_eq!((scene.textures[0].image, scene.images[1].bytes.as_ref()), (1, file.as_slice()));
     }
 
     #[test]

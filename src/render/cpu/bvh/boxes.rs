@@ -36,6 +36,8 @@ pub struct Child(u32);
 
 impl Child {
     const LEAF: u32 = 1 << 31;
+    /// Highest index of a leaf.
+    pub const LAST_LEAF: u32 = Self::LEAF - 2;
     /// Nothing; its box is empty and never met.
     pub const NONE: Self = Self(u32::MAX);
 

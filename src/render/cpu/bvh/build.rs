@@ -2,11 +2,12 @@
 
 use super::boxes::{Child, Node};
 use super::gather::{Content, EMPTY, Item, Source, hull};
+use super::sphere::Sphere;
 use super::traverse::Unit;
 use super::triangle::Block;
 use super::{Bvh, Instance, Tree};
 use crate::compile::{Bounds, CompiledScene};
-use glam::{DAffine3, DMat3, DVec3, Vec3};
+use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 
 impl Bvh {
@@ -19,10 +20,8 @@ impl Bvh {
         let source = Source {
             nodes: &scene.nodes,
             leaf_size: Block::SIZE,
-            bounds: |index: u32| {
-                let triangle = &scene.triangles[index as usize];
-                [triangle.v0, triangle.v1, triangle.v2].map(Vec3::from_array).into_iter().fold(EMPTY, Bounds::with)
-            },
+            bounds: |index: u32| scene.triangles[index as usize].bounds(),
+            alone: |index: u32| scene.triangles[index as usize].is_sphere(),
         };
         let gathered: Vec<Vec<Item>> = roots.par_iter().map(|root| source.gather(*root, 0)).collect();
         let instance = |instance: &crate::compile::Instance| Instance {
@@ -32,6 +31,7 @@ impl Bvh {
         let mut bvh = Self {
             nodes: Vec::new(),
             blocks: Vec::new(),
+            spheres: Vec::new(),
             top: None,
             trees: Vec::new(),
             instances: scene.instances.par_iter().map(instance).collect(),
@@ -40,11 +40,20 @@ impl Bvh {
         if scene.two_level {
             let world = |i: &Instance| world_bounds(&gathered[i.tree as usize], &i.to_object);
             let bounds: Vec<Bounds> = bvh.instances.par_iter().map(world).collect();
-            let source = Source { nodes: &scene.nodes, leaf_size: 1, bounds: |index: u32| bounds[index as usize] };
+            let source = Source {
+                nodes: &scene.nodes,
+                leaf_size: 1,
+                bounds: |index: u32| bounds[index as usize],
+                alone: |_| false,
+            };
             bvh.top = Some(bvh.add_tree(&source.gather(0, 0), &mut |_, primitives| Child::leaf(primitives[0])));
         }
         for items in &gathered {
             let tree = bvh.add_tree(items, &mut |bvh, primitives| {
+                if scene.triangles[primitives[0] as usize].is_sphere() {
+                    bvh.spheres.push(Sphere::new(&scene.triangles, primitives[0]));
+                    return Child::leaf(Child::LAST_LEAF - (bvh.spheres.len() as u32 - 1));
+                }
                 bvh.blocks.push(Block::new(&scene.triangles, primitives));
                 Child::leaf(bvh.blocks.len() as u32 - 1)
             });

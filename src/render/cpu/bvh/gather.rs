@@ -34,13 +34,15 @@ pub enum Content {
 }
 
 /// A tree in the compressed format, and the primitives in it.
-pub struct Source<'a, F> {
+pub struct Source<'a, F, A> {
     /// Of all trees.
     pub nodes: &'a [BvhNode],
     /// Most primitives of a leaf.
     pub leaf_size: usize,
     /// The box of a primitive.
     pub bounds: F,
+    /// Whether a primitive must have a leaf of its own.
+    pub alone: A,
 }
 
 /// The box around all.
@@ -48,7 +50,7 @@ pub fn hull(items: &[Item]) -> Bounds {
     items.iter().fold(EMPTY, |all, item| all.union(item.bounds))
 }
 
-impl<F: Fn(u32) -> Bounds + Sync> Source<'_, F> {
+impl<F: Fn(u32) -> Bounds + Sync, A: Fn(u32) -> bool + Sync> Source<'_, F, A> {
     /// The children of a node, and all below them.
     pub fn gather(&self, index: u32, level: u32) -> Vec<Item> {
         let node: CwBvhNode = bytemuck::cast(self.nodes[index as usize]);
@@ -71,7 +73,8 @@ impl<F: Fn(u32) -> Bounds + Sync> Source<'_, F> {
     }
 
     fn leaf(&self, primitives: &[u32]) -> Item {
-        if primitives.len() > self.leaf_size {
+        let mixed = primitives.len() > 1 && primitives.iter().any(|primitive| (self.alone)(*primitive));
+        if primitives.len() > self.leaf_size || mixed {
             return node_of(primitives.iter().map(|primitive| self.leaf(&[*primitive])).collect());
         }
         let bounds = primitives.iter().fold(EMPTY, |all, primitive| all.union((self.bounds)(*primitive)));
@@ -81,8 +84,8 @@ impl<F: Fn(u32) -> Bounds + Sync> Source<'_, F> {
     /// Joins the two leaves that gain most by it, if any do.
     fn join_leaves(&self, items: &mut Vec<Item>) -> bool {
         let size = |item: &Item| match &item.content {
-            Content::Leaf(primitives) => primitives.len(),
-            Content::Node(_) => usize::MAX / 2,
+            Content::Leaf(primitives) if !(self.alone)(primitives[0]) => primitives.len(),
+            Content::Leaf(_) | Content::Node(_) => usize::MAX / 2,
         };
         let mut best = (0.0, 0, 0);
         for b in 1..items.len() {

@@ -9,6 +9,7 @@ mod boxes;
 mod build;
 mod gather;
 mod simd;
+pub(super) mod sphere;
 #[cfg(test)]
 mod tests;
 mod traverse;
@@ -17,6 +18,7 @@ mod triangle;
 use crate::compile::NONE;
 use boxes::Node;
 use glam::{DAffine3, DVec3};
+use sphere::Sphere;
 pub use traverse::Unit;
 use triangle::Block;
 
@@ -59,7 +61,7 @@ impl From<&Hit> for TriangleId {
 pub struct Hit {
     /// Multiple of the ray's direction.
     pub t: f64,
-    /// Weight of the triangle's second vertex.
+    /// Weight of the triangle's second vertex; of a sphere [`sphere::SphereHit::place`], and so is `v`.
     pub u: f64,
     /// Weight of its third vertex.
     pub v: f64,
@@ -76,6 +78,8 @@ pub struct Bvh {
     nodes: Vec<Node>,
     /// Leaves of the triangles' trees.
     blocks: Vec<Block>,
+    /// Further leaves, numbered from [`Child::LAST_LEAF`] down.
+    spheres: Vec<Sphere>,
     /// Tree of the instances, whose leaves are instances; none: the one instance is the world itself.
     top: Option<Tree>,
     /// Trees of triangles.

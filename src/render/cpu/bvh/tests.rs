@@ -89,7 +89,8 @@ fn compiled(meshes: Vec<Primitive>, placed: &[(usize, DAffine3)]) -> CompiledSce
     let node = |(mesh, local): &(usize, DAffine3)| Node { mesh: Some(*mesh), local: *local, ..Node::default() };
     let nodes: Vec<Node> = placed.iter().map(node).collect();
     let scenes = vec![SceneRoot { name: None, nodes: (0..nodes.len()).collect() }];
-    let meshes = meshes.into_iter().map(|primitive| Mesh { name: None, primitives: vec![primitive] }).collect();
+    let meshes =
+        meshes.into_iter().map(|primitive| Mesh { name: None, primitives: vec![primitive] }).collect::<Vec<_>>().into();
     compile_scene(&Scene { nodes, scenes, meshes, ..Scene::default() }, None).unwrap()
 }
 

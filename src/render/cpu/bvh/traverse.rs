@@ -2,6 +2,7 @@
 
 use super::boxes::{Child, Node, Slabs};
 use super::simd::{Portable, Simd};
+use super::sphere::SphereHit;
 use super::triangle::{Block, BlockHits, Shear, intersect};
 use super::{Bvh, Hit, Ray, Tree, TriangleId};
 use crate::compile::Triangle;
@@ -109,7 +110,7 @@ impl<A: FnMut(&Hit) -> bool, const ANY: bool> Search<'_, A, ANY> {
             tree.root,
             &slabs,
             limit,
-            BlockLeaves::<S, A, ANY> { shear, slabs: &slabs, instance, search: self },
+            BlockLeaves::<S, A, ANY> { origin, direction, shear, slabs: &slabs, instance, search: self },
         );
     }
 
@@ -135,6 +136,17 @@ impl<A: FnMut(&Hit) -> bool, const ANY: bool> Search<'_, A, ANY> {
         }
     }
 
+    #[inline(never)]
+    fn take_sphere(&mut self, leaf: usize, origin: DVec3, direction: DVec3, instance: u32) {
+        let sphere = &self.bvh.spheres[Child::LAST_LEAF as usize - leaf];
+        let Some(SphereHit { t, place: [u, v] }) = sphere.intersect(origin, direction) else { return };
+        let hit = Hit { t, u, v, triangle: sphere.id, instance };
+        if t < self.best.t && self.is_better(&hit) {
+            self.best = hit;
+            self.found = true;
+        }
+    }
+
     /// Nearer; of two at the same distance, that of the lower numbers, so that the order of visits shows nowhere.
     #[inline(always)]
     fn is_better(&self, hit: &Hit) -> bool {
@@ -152,8 +164,10 @@ trait Leaves {
     fn visit(&mut self, leaf: usize, limit: f32) -> f32;
 }
 
-/// Leaves are blocks of triangles.
+/// Leaves are blocks of triangles, and spheres.
 struct BlockLeaves<'s, 'a, S: Simd, A, const ANY: bool> {
+    origin: DVec3,
+    direction: DVec3,
     shear: Shear,
     slabs: &'s Slabs<S>,
     instance: u32,
@@ -163,7 +177,10 @@ struct BlockLeaves<'s, 'a, S: Simd, A, const ANY: bool> {
 impl<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool> Leaves for BlockLeaves<'_, '_, S, A, ANY> {
     #[inline(always)]
     fn visit(&mut self, leaf: usize, limit: f32) -> f32 {
-        let block = &self.search.bvh.blocks[leaf];
+        let Some(block) = self.search.bvh.blocks.get(leaf) else {
+            self.search.take_sphere(leaf, self.origin, self.direction, self.instance);
+            return self.search.limit(self.slabs);
+        };
         let Some(hits) = intersect::<S>(block, &self.shear, self.search.best.t) else { return limit };
         self.search.take(block, &hits, self.instance);
         self.search.limit(self.slabs)

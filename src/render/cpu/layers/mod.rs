@@ -13,6 +13,7 @@ mod sheen;
 mod values;
 
 use super::material::{Bsdf, Layers, Model, Scattered, luminance};
+use super::phong::Phong;
 use super::sampling::cosine_hemisphere;
 use super::surface::Surface;
 use crate::compile::Extended;
@@ -42,6 +43,8 @@ pub enum Reflection {
     Core(Bsdf),
     /// Of one with extensions.
     Layered(Box<Layered>),
+    /// Phong's.
+    Phong(Phong),
 }
 
 impl Reflection {
@@ -50,6 +53,7 @@ impl Reflection {
         match self {
             Self::Core(bsdf) => bsdf.evaluate(wi),
             Self::Layered(layered) => layered.evaluate(wi),
+            Self::Phong(phong) => (phong.evaluate(wi), 0.0),
         }
     }
 
@@ -58,6 +62,7 @@ impl Reflection {
         match self {
             Self::Core(bsdf) => bsdf.sample(choice, u),
             Self::Layered(layered) => layered.sample(choice, u),
+            Self::Phong(phong) => phong.sample(),
         }
     }
 
@@ -66,12 +71,13 @@ impl Reflection {
         match self {
             Self::Core(bsdf) => bsdf.albedo(),
             Self::Layered(layered) => layered.albedo(),
+            Self::Phong(phong) => phong.albedo(),
         }
     }
 
     /// Whether it is certain that no light gets to the other side.
     pub fn is_opaque(&self) -> bool {
-        matches!(self, Self::Core(_))
+        matches!(self, Self::Core(_) | Self::Phong(_))
     }
 }
 

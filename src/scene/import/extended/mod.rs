@@ -1,12 +1,19 @@
 //! `KHR_materials_*` of a material -> [`Extended`]. A texture is read only if its factor lets it be seen.
 
+mod schema;
+
 use super::document;
 use super::materials::Reader;
 use super::number::{finite, non_negative};
-use super::schema::{self, TextureInfo};
+use super::schema::{Material, TextureInfo};
 use crate::scene::{Extended, SceneError, TextureRef, Volume};
 use glam::Vec3;
-use serde::Deserialize;
+use schema::{
+    Anisotropy, Clearcoat, DiffuseTransmission, Dispersion, Ior, Iridescence, Sheen, Specular, Transmission,
+    VolumeSource,
+};
+
+pub(super) use schema::SpecularGlossiness;
 
 /// Extensions that are read here.
 const NAMES: [&str; 11] = [
@@ -23,111 +30,15 @@ const NAMES: [&str; 11] = [
     "KHR_materials_volume",
 ];
 
-#[derive(Deserialize)]
-struct Ior {
-    ior: Option<f64>,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-struct Specular {
-    specular_factor: Option<f64>,
-    specular_texture: Option<TextureInfo>,
-    specular_color_factor: Option<[f64; 3]>,
-    specular_color_texture: Option<TextureInfo>,
-}
-
-/// KHR_materials_pbrSpecularGlossiness. Diffuse values take the place of the base colour's.
-#[derive(Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-pub(super) struct SpecularGlossiness {
-    pub diffuse_factor: Option<[f64; 4]>,
-    pub diffuse_texture: Option<TextureInfo>,
-    specular_factor: Option<[f64; 3]>,
-    pub glossiness_factor: Option<f64>,
-    specular_glossiness_texture: Option<TextureInfo>,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-struct Transmission {
-    transmission_factor: Option<f64>,
-    transmission_texture: Option<TextureInfo>,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-struct VolumeSource {
-    thickness_factor: Option<f64>,
-    thickness_texture: Option<TextureInfo>,
-    attenuation_color: Option<[f64; 3]>,
-    attenuation_distance: Option<f64>,
-}
-
-#[derive(Deserialize)]
-struct Dispersion {
-    dispersion: Option<f64>,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-struct Clearcoat {
-    clearcoat_factor: Option<f64>,
-    clearcoat_texture: Option<TextureInfo>,
-    clearcoat_roughness_factor: Option<f64>,
-    clearcoat_roughness_texture: Option<TextureInfo>,
-    clearcoat_normal_texture: Option<TextureInfo>,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-struct Sheen {
-    sheen_color_factor: Option<[f64; 3]>,
-    sheen_color_texture: Option<TextureInfo>,
-    sheen_roughness_factor: Option<f64>,
-    sheen_roughness_texture: Option<TextureInfo>,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-struct Anisotropy {
-    anisotropy_strength: Option<f64>,
-    anisotropy_rotation: Option<f64>,
-    anisotropy_texture: Option<TextureInfo>,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-struct Iridescence {
-    iridescence_factor: Option<f64>,
-    iridescence_texture: Option<TextureInfo>,
-    iridescence_ior: Option<f64>,
-    iridescence_thickness_minimum: Option<f64>,
-    iridescence_thickness_maximum: Option<f64>,
-    iridescence_thickness_texture: Option<TextureInfo>,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-struct DiffuseTransmission {
-    diffuse_transmission_factor: Option<f64>,
-    diffuse_transmission_texture: Option<TextureInfo>,
-    diffuse_transmission_color_factor: Option<[f64; 3]>,
-    diffuse_transmission_color_texture: Option<TextureInfo>,
-}
-
 /// The specular-glossiness values of a material that has them.
-pub(super) fn specular_glossiness(
-    source: &schema::Material,
-    place: &str,
-) -> Result<Option<SpecularGlossiness>, SceneError> {
+pub(super) fn specular_glossiness(source: &Material, place: &str) -> Result<Option<SpecularGlossiness>, SceneError> {
     const NAME: &str = "KHR_materials_pbrSpecularGlossiness";
     let content = source.extensions.get(NAME);
     content.map(|content| document::extension(content, &format!("{place}/extensions/{NAME}"))).transpose()
 }
 
 /// All extensions of a material together; none: it has none of them.
-pub(super) fn read(reader: &mut Reader<'_>, source: &schema::Material) -> Result<Option<Extended>, SceneError> {
+pub(super) fn read(reader: &mut Reader<'_>, source: &Material) -> Result<Option<Extended>, SceneError> {
     if !NAMES.iter().any(|name| source.extensions.contains_key(*name)) {
         return Ok(None);
     }
@@ -158,7 +69,7 @@ impl<'a> Reader<'a> {
     /// Reads `KHR_materials_{name}`, if the material has it.
     fn with<T: serde::de::DeserializeOwned>(
         &mut self,
-        source: &schema::Material,
+        source: &Material,
         name: &str,
         read: impl FnOnce(&mut Values<'_, 'a>, &T) -> Result<(), SceneError>,
     ) -> Result<(), SceneError> {
