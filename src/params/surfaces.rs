@@ -343,7 +343,7 @@ fn check_maps(check: &mut Check, maps: &Maps<'_>) {
     if let Some(parallax) = maps.parallax {
         map("parallax", &parallax.image, parallax.tiling, parallax.scale);
         check.at("parallax", |check| {
-            check.require(!(parallax.scale < 0.0), "scale", || "must not be negative: reliefs lie below".to_owned());
+            check.require(parallax.scale >= 0.0, "scale", || "must not be negative: reliefs lie below".to_owned());
             check.require((1..=MAX_STEPS).contains(&parallax.steps), "steps", || {
                 format!("must lie between 1 and {MAX_STEPS}")
             });

@@ -178,21 +178,21 @@ fn spheres_and_materials_change_the_picture(page: &mut Browser, folder: &Path) {
         page.eval(&format!("document.querySelector('{panel}').closest('details').open = true"));
     }
     click(page, "#spheres .row button");
-    differs_after(page, "a sphere", CHANGED);
+    differs_after(page, "a sphere", CHANGED / 5.0);
     page.choose("#spheres .card .file input", &[&map]);
     page.wait_for("document.querySelector('#spheres .file-name').textContent === 'bumps.png'");
-    differs_after(page, "its texture", CHANGED / 10.0);
+    differs_after(page, "its texture", CHANGED / 50.0);
     choose_option(page, "#spheres [data-field=detail] select", "height");
     page.choose("#spheres [data-field=detail] + .file input", &[&map]);
     page.wait_for("document.querySelectorAll('#spheres .file-name')[1].textContent === 'bumps.png'");
-    differs_after(page, "its bumps", CHANGED / 10.0);
+    differs_after(page, "its bumps", CHANGED / 50.0);
     click(page, "#materials .row button");
     click(page, "#materials .card .fields .check input");
     differs_after(page, "another colour", CHANGED);
     click(page, "#spheres .row:last-child button");
-    differs_after(page, "a second sphere", CHANGED / 10.0);
+    differs_after(page, "a second sphere", CHANGED / 50.0);
     click(page, "#spheres .card:last-child .card-head button");
-    differs_after(page, "its removal", CHANGED / 10.0);
+    differs_after(page, "its removal", CHANGED / 50.0);
     page.screenshot("surfaces");
 }
 

@@ -35,14 +35,14 @@ fn with(base: &str, over: &Value) -> candela::params::RenderParams {
 /// From a micrometre to a planet, from nearby and from so far that a naive discriminant has no digit left.
 fn a_diffuse_sphere_in_a_constant_sky_has_its_albedo_everywhere(engine: EngineChoice) {
     for (radius, distance, center) in [
-        (1.0, 4.0, [0.0; 3]),
+        (1.0f64, 4.0f64, [0.0; 3]),
         (1e-5, 4e-5, [0.0; 3]),
         (1e6, 4e6, [0.0; 3]),
         (1.0, 1e5, [0.0; 3]),
         (1.0, 4.0, [1e6, -3e5, 7e5]),
         (1.0, 1.001, [0.0; 3]),
     ] {
-        let yfov = 2.0 * (0.8 * radius / distance as f64).atan().to_degrees();
+        let yfov = 2.0 * (0.8 * radius / distance).atan().to_degrees();
         let [x, y, z] = center;
         let request = with(
             r#"{"max_samples": 16, "environment": {"constant": [1, 1, 1], "visible": false}}"#,
@@ -65,8 +65,8 @@ fn a_diffuse_sphere_in_a_constant_sky_has_its_albedo_everywhere(engine: EngineCh
 
 /// A cone around the sphere, cut by the picture: `pi tan^2` over the picture's area. Significance 1e-4.
 fn a_sphere_covers_what_geometry_says(engine: EngineChoice) {
-    for (radius, distance) in [(1.0, 4.0), (1e-3, 30.0), (1e4, 1.5e4)] {
-        let tangent = (radius / distance as f64).asin().tan();
+    for (radius, distance) in [(1.0f64, 4.0f64), (1e-3, 30.0), (1e4, 1.5e4)] {
+        let tangent = (radius / distance).asin().tan();
         let yfov = 2.0 * (2.0 * tangent).atan().to_degrees();
         let request = with(
             r#"{"max_samples": 64, "environment": {"constant": [1, 1, 1]}}"#,

@@ -54,7 +54,7 @@ class SurfaceList {
 export function sphereList(element, onChange, onFile) {
   const item = (scene, spheres) => {
     const { center, radius } = boundingSphere(scene.bounds);
-    const size = tidy(radius / 4, 2);
+    const size = tidy(radius / 3, 2);
     // Side by side in front of the scene.
     const [x, y, z] = center;
     const place = [x + (spheres.length % 5) * 2.2 * size, y, z + radius];
