@@ -16,7 +16,7 @@ fn pointers(problem: &Value) -> Vec<&str> {
     problem["errors"].as_array().into_iter().flatten().filter_map(|error| error["pointer"].as_str()).collect()
 }
 
-fn request(extra: Value) -> Vec<u8> {
+fn request(extra: &Value) -> Vec<u8> {
     let mut params = tiny();
     for (name, value) in extra.as_object().expect("an object") {
         params[name] = value.clone();
@@ -24,7 +24,7 @@ fn request(extra: Value) -> Vec<u8> {
     params.to_string().into_bytes()
 }
 
-fn sphere(fields: Value) -> Value {
+fn sphere(fields: &Value) -> Value {
     let mut sphere = json!({"center": [0, 0, 0], "radius": 0.5});
     for (name, value) in fields.as_object().expect("an object") {
         sphere[name] = value.clone();
@@ -35,7 +35,7 @@ fn sphere(fields: Value) -> Value {
 #[test]
 fn a_sphere_has_its_texture_from_the_form_or_by_id() {
     let server = Server::start();
-    let form = request(sphere(json!({"texture": {"image": "a.png"}, "height": {"image": "a.png", "scale": 0.1}})));
+    let form = request(&sphere(&json!({"texture": {"image": "a.png"}, "height": {"image": "a.png", "scale": 0.1}})));
     let reply = server.post_form(
         "/v1/render",
         &[("scene", Some("a.glb"), &triangle()), ("map", Some("a.png"), &png()), ("params", None, &form)],
@@ -47,7 +47,7 @@ fn a_sphere_has_its_texture_from_the_form_or_by_id() {
     assert_eq!((&image["kind"], &image["width"]), (&json!("map"), &json!(1)));
     let scene = server.upload();
     let mut params = tiny();
-    params["spheres"] = sphere(json!({"normal": {"image": image["id"]}}))["spheres"].clone();
+    params["spheres"] = sphere(&json!({"normal": {"image": image["id"]}}))["spheres"].clone();
     let job = server.begin(&scene, &params);
     let done = server.wait_for(&job, &["succeeded", "failed"]);
     assert_eq!(done["state"], "succeeded", "{done}");
@@ -61,15 +61,15 @@ fn faulty_surfaces_are_named_by_place() {
             ("scene", Some("a.glb"), &triangle()),
             ("map", Some("a.png"), &png()),
             ("sky", Some("sky.hdr"), &radiance()),
-            ("params", None, &request(extra)),
+            ("params", None, &request(&extra)),
         ];
         server.post_form("/v1/render", &files).problem(422, "invalid_params")
     };
     let at = |extra: Value| pointers(&refuse(extra)).into_iter().map(str::to_owned).collect::<Vec<_>>();
-    assert_eq!(at(sphere(json!({"radius": 0}))), ["/params/spheres/0/radius"]);
-    assert_eq!(at(sphere(json!({"colour": [1, 1, 1]}))), ["/params/spheres/0/colour"]);
-    assert_eq!(at(sphere(json!({"texture": {"image": "b.png"}}))), ["/params/spheres/0/texture/image"]);
-    assert_eq!(at(sphere(json!({"texture": {"image": "sky.hdr"}}))), ["/params/spheres/0/texture/image"]);
+    assert_eq!(at(sphere(&json!({"radius": 0}))), ["/params/spheres/0/radius"]);
+    assert_eq!(at(sphere(&json!({"colour": [1, 1, 1]}))), ["/params/spheres/0/colour"]);
+    assert_eq!(at(sphere(&json!({"texture": {"image": "b.png"}}))), ["/params/spheres/0/texture/image"]);
+    assert_eq!(at(sphere(&json!({"texture": {"image": "sky.hdr"}}))), ["/params/spheres/0/texture/image"]);
     assert_eq!(at(json!({"environment": {"hdri": "a.png"}})), ["/params/environment/hdri"]);
     assert_eq!(at(json!({"overrides": [{"material": "none"}]})), ["/params/overrides/0/material"]);
     assert_eq!(
@@ -84,7 +84,7 @@ fn faulty_surfaces_are_named_by_place() {
 fn a_broken_map_is_told_from_its_place() {
     let server = Server::start();
     let broken = &png()[..24];
-    let form = request(sphere(json!({"height": {"image": "a.png", "scale": 1}})));
+    let form = request(&sphere(&json!({"height": {"image": "a.png", "scale": 1}})));
     let files: [(&str, Option<&str>, &[u8]); 3] =
         [("scene", Some("a.glb"), &triangle()), ("map", Some("a.png"), broken), ("params", None, &form)];
     let problem = server.post_form("/v1/render", &files).problem(422, "invalid_image");
