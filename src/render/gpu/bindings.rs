@@ -27,7 +27,7 @@ impl Bindings<'_> {
             wgpu::BindingResource::TextureView(&self.scene.nodes),
             wgpu::BindingResource::TextureView(&self.scene.triangles),
             self.scene.attributes.as_entire_binding(),
-            self.scene.instances.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&self.scene.instances),
             self.scene.materials.as_entire_binding(),
             self.lights.as_entire_binding(),
             self.picks.as_entire_binding(),
@@ -70,7 +70,7 @@ pub fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 17] {
     let records = stored(wgpu::StorageTextureAccess::ReadOnly, wgpu::TextureFormat::Rgba32Uint);
     let film = stored(wgpu::StorageTextureAccess::WriteOnly, wgpu::TextureFormat::Rgba32Float);
     let types = [
-        uniform, uniform, records, records, read, read, read, read, read, write, pages, pages, table, table, table,
+        uniform, uniform, records, records, read, records, read, read, read, write, pages, pages, table, table, table,
         list, film,
     ];
     let mut binding = 0;

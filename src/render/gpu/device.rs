@@ -6,7 +6,10 @@ use std::time::Duration;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 /// Storage buffers that the tracer binds at once.
-const STORAGE_BUFFERS: u32 = 8;
+const STORAGE_BUFFERS: u32 = 5;
+
+/// Storage textures likewise.
+const STORAGE_TEXTURES: u32 = 4;
 
 /// Longest wait for one dispatch, many times its intended length, before the device counts as lost.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -109,7 +112,9 @@ fn choose_adapter() -> Result<wgpu::Adapter, RenderError> {
 }
 
 fn can_trace(adapter: &wgpu::Adapter) -> bool {
-    adapter.limits().max_storage_buffers_per_shader_stage >= STORAGE_BUFFERS
+    let limits = adapter.limits();
+    limits.max_storage_buffers_per_shader_stage >= STORAGE_BUFFERS
+        && limits.max_storage_textures_per_shader_stage >= STORAGE_TEXTURES
         && adapter.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS)
 }
 

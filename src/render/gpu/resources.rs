@@ -1,7 +1,7 @@
 //! What has been uploaded: scenes, environments and tables, kept as long as their source lives.
 
 use super::device::Gpu;
-use crate::compile::{CompiledScene, Environment, EnvironmentKind, Hdri, Instance, Material, TexturePages};
+use crate::compile::{CompiledScene, Environment, EnvironmentKind, Hdri, Material, TexturePages};
 use crate::render::RenderError;
 use crate::render::albedo::{TABLE_WIDTH, albedo_table};
 use crate::render::layer_albedo::LAYER_TABLE;
@@ -23,7 +23,7 @@ pub struct GpuScene {
     /// Binding 4: indices, then vertex records.
     pub attributes: wgpu::Buffer,
     /// Binding 5.
-    pub instances: wgpu::Buffer,
+    pub instances: wgpu::TextureView,
     /// Binding 6.
     pub materials: wgpu::Buffer,
     /// Binding 10.
@@ -119,7 +119,7 @@ fn upload_scene(gpu: &Gpu, scene: &CompiledScene) -> Result<GpuScene, RenderErro
         nodes: upload_records(gpu, "tree nodes", bytemuck::cast_slice(&scene.nodes))?,
         triangles: upload_records(gpu, "triangles", bytemuck::cast_slice(&scene.triangles))?,
         attributes: gpu.storage("vertex attributes", bytemuck::cast_slice(&attributes), 4)?,
-        instances: gpu.storage("instances", bytemuck::cast_slice(&scene.instances), size_of::<Instance>())?,
+        instances: upload_records(gpu, "instances", bytemuck::cast_slice(&scene.instances))?,
         materials: gpu.storage("materials", bytemuck::cast_slice(&scene.materials), size_of::<Material>())?,
         color_pages: upload_pages(gpu, &scene.color_pages, wgpu::TextureFormat::Rgba8UnormSrgb)?,
         data_pages: upload_pages(gpu, &scene.data_pages, wgpu::TextureFormat::Rgba8Unorm)?,

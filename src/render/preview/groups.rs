@@ -91,7 +91,7 @@ impl Binder<'_> {
                     (2, texture(&scene.nodes)),
                     (3, texture(&scene.triangles)),
                     (4, scene.attributes.as_entire_binding()),
-                    (5, scene.instances.as_entire_binding()),
+                    (5, texture(&scene.instances)),
                     (6, scene.materials.as_entire_binding()),
                     (10, texture(&scene.color_pages)),
                     (11, texture(&scene.data_pages)),

@@ -47,7 +47,7 @@ impl Layouts {
                 (2, ShaderStages::FRAGMENT | ShaderStages::COMPUTE, records()),
                 (3, everywhere, records()),
                 (4, everywhere, storage(true)),
-                (5, everywhere, storage(true)),
+                (5, everywhere, records()),
                 (6, everywhere, storage(true)),
                 (10, everywhere, pages(float())),
                 (11, everywhere, pages(float())),
