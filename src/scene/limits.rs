@@ -5,8 +5,9 @@
 pub struct Limits {
     /// Bytes of all files of a package together, after inflating.
     pub bytes: u64,
-    /// Bytes that vertices may take in memory for each byte of the files (beyond the first 64 MiB): one buffer may be
-    /// decoded many times, and an accessor without a buffer view takes none of the file at all. `bytes` bounds them too.
+    /// Bytes that what is unpacked and decoded may take in memory for each byte of the files (beyond the first 64 MiB):
+    /// vertices, packed buffers, animations. One buffer may be decoded many times, an accessor without a buffer view takes none of
+    /// the file at all, and Draco packs meshes to a thirtieth. `bytes` bounds them too.
     pub decoded_ratio: u64,
     /// Entries of a zip.
     pub zip_entries: usize,
@@ -36,7 +37,7 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             bytes: 1 << 30,
-            decoded_ratio: 16,
+            decoded_ratio: 64,
             zip_entries: 10_000,
             zip_ratio: 200,
             json_values: 20_000_000,
@@ -78,7 +79,7 @@ mod tests {
     #[test]
     fn memory_follows_the_upload_and_ends_at_the_limit() {
         let limits = Limits::default();
-        assert_eq!(limits.import_memory(700, false), 700 + 700 * 16 + DECODED_FREE);
+        assert_eq!(limits.import_memory(700, false), 700 + 700 * 64 + DECODED_FREE);
         assert_eq!(limits.import_memory(1 << 30, false), 2 << 30);
         assert_eq!(limits.import_memory(100 << 20, true), 2 << 30);
     }

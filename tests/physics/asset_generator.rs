@@ -36,13 +36,7 @@ impl Group {
         let scene = scene::import(&Package::from_path(&file, &limits).expect("a package"), &limits).expect("a scene");
         let at: Vec<f64> = serde_json::from_value(model["camera"]["translation"].clone()).expect("a camera");
         let light = r#""lights":[{"type":"directional","direction":[0.3,-0.5,-1],"intensity":2}]"#;
-        let camera = format!(
-            r#""camera":{{"position":[{0},{1},{2}],"target":[{0},{1},{3}]}}"#,
-            at[0],
-            at[1],
-            at[2],
-            at[2] - 1.0
-        );
+        let camera = format!(r#""camera":{{"position":{at:?},"target":[0,0,0]}}"#);
         let common = r#""environment":{"constant":[0.4,0.4,0.4],"visible":false},"max_samples":32,"adaptive":false"#;
         let camera = if extra.is_empty() { &camera } else { extra };
         let params = params(&format!(r#"{{{common},{light},{camera},"output":{{"transparent":true}}}}"#));
