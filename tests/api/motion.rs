@@ -78,7 +78,7 @@ fn faults_name_their_field() {
         let job =
             server.wait_for(&server.begin(scene.as_str().expect("an id"), &params(&more)), &["succeeded", "failed"]);
         assert_eq!(job["state"], "failed", "{job}");
-        job["error"]["errors"][0].clone()
+        job["problem"]["errors"][0].clone()
     };
     for animation in [json!("jump"), json!(2)] {
         let fault = fault(json!({ "animation": animation }));
