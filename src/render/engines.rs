@@ -16,8 +16,8 @@ pub struct Engines {
 }
 
 impl Engines {
-    /// Looks for a graphics card, and opens it if there is one. A software adapter runs the compute tracer at half the speed
-    /// that the cores reach by themselves (docs/benchmarks.md), so there the choice falls on the cores.
+    /// Looks for a graphics card, and opens it if there is one. A software adapter is about as fast as
+    /// the cores by themselves (docs/accuracy.md), but compiles for seconds for each kind of scene: the choice falls on the cores.
     pub fn new() -> Self {
         let mut engines = Self { gpu: None, cpu: CpuEngine::new(), automatic: EngineChoice::Cpu };
         if has_hardware_adapter() {
