@@ -128,7 +128,10 @@ impl Builder<'_> {
         let target = self.target();
         let forward = target - eye;
         let distance = forward.length();
-        if !(distance.is_finite() && distance > 0.0) {
+        if !distance.is_finite() {
+            return Err(fault("/position", "the camera is too far from its target; move it nearer".into()));
+        }
+        if distance == 0.0 {
             return Err(fault("/target", "the camera is at its target; move one of them".into()));
         }
         let axes = self.axes(forward)?;

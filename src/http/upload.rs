@@ -311,8 +311,8 @@ fn too_large(what: &str) -> Problem {
 }
 
 fn unsupported(kind: &str, hint: &str) -> Problem {
-    let kind = if kind.is_empty() { "no Content-Type" } else { kind };
-    Problem::new(Code::UnsupportedMediaType, format!("this route does not read {kind}: {hint}"))
+    let fault = if kind.is_empty() { "there is no Content-Type".into() } else { format!("this route does not read {kind}") };
+    Problem::new(Code::UnsupportedMediaType, format!("{fault}: {hint}"))
 }
 
 /// Media type of the body in lower case, without its parameters.
