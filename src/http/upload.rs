@@ -311,7 +311,8 @@ fn too_large(what: &str) -> Problem {
 }
 
 fn unsupported(kind: &str, hint: &str) -> Problem {
-    let fault = if kind.is_empty() { "there is no Content-Type".into() } else { format!("this route does not read {kind}") };
+    let fault =
+        if kind.is_empty() { "there is no Content-Type".into() } else { format!("this route does not read {kind}") };
     Problem::new(Code::UnsupportedMediaType, format!("{fault}: {hint}"))
 }
 
