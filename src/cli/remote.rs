@@ -2,7 +2,7 @@
 
 use super::Failure;
 use super::render::package;
-use crate::jobs::{Item, hdri_name};
+use crate::jobs::Item;
 use crate::params::EnvironmentChoice;
 use crate::scene::Limits;
 use serde_json::{Value, json};
@@ -145,7 +145,7 @@ impl Uploads<'_> {
     fn line(&mut self, item: &Item) -> Result<String, Failure> {
         let scene = self.scene(&item.scene)?;
         let mut params = item.params.clone();
-        if let Some(file) = hdri_name(&item.params) {
+        if let Some(file) = item.params.hdri_name() {
             let id = self.image(file)?;
             if let EnvironmentChoice::Given(environment) = &mut params.environment {
                 environment.hdri = Some(id);

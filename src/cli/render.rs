@@ -7,7 +7,7 @@ use super::{Failure, demo, manifest};
 use crate::compile::{self, Hdri, MapFiles};
 use crate::film::{self, Aov, Aovs};
 use crate::jobs::StoredScene;
-use crate::params::{EnvironmentChoice, RenderParams};
+use crate::params::RenderParams;
 use crate::render::prepare::{Prepared, prepare, render_to_end};
 use crate::render::report::{Report, Stages};
 use crate::render::{Engine, Engines, RenderError};
@@ -160,8 +160,7 @@ fn located(error: &scene::SceneError) -> String {
 
 /// The picture that the environment names, which is a file here.
 fn hdri(params: &RenderParams) -> Result<Option<Arc<Hdri>>, Failure> {
-    let EnvironmentChoice::Given(environment) = &params.environment else { return Ok(None) };
-    let Some(file) = &environment.hdri else { return Ok(None) };
+    let Some(file) = params.hdri_name() else { return Ok(None) };
     let faulty = |fault: String| Failure::Request(format!("environment {file}: {fault}"));
     let bytes = std::fs::read(file).map_err(|error| faulty(error.to_string()))?;
     compile::decode_hdri(&bytes, compile::ENVIRONMENT_PIXELS)

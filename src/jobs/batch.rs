@@ -1,6 +1,7 @@
 //! Batches: jobs that are asked for together. All are in the ledger before anyone hears of the batch; the device gets
 //! them a few at a time, so that a thousand cost no more memory than those under way.
 
+use super::Service;
 use super::job::{Job, Place, Spec};
 use super::ledger::now;
 use super::manifest::{Item, below};
@@ -9,7 +10,6 @@ use super::scenes::content_id;
 use super::state::State;
 use super::submit::content;
 use super::table::BatchAdmission;
-use super::{Service, hdri_name};
 use crate::params::{FieldError, RenderParams};
 use serde_json::{Value, json};
 use std::collections::HashSet;
@@ -269,14 +269,14 @@ impl Service {
 
 /// Pointers and names of the images that parameters ask for.
 fn image_names(params: &RenderParams) -> Vec<(String, String)> {
-    let environment = hdri_name(params).map(|name| ("/params/environment/hdri".to_owned(), name.to_owned()));
+    let environment = params.hdri_name().map(|name| ("/params/environment/hdri".to_owned(), name.to_owned()));
     let mut params = params.clone();
     let maps = params.map_names_mut().map(|(pointer, name)| (pointer, name.clone()));
     environment.into_iter().chain(maps).collect()
 }
 
 fn spec_of(item: Item, index: u32, client: &str) -> Spec {
-    let image = hdri_name(&item.params).map(str::to_owned);
+    let image = item.params.hdri_name().map(str::to_owned);
     Spec {
         number: 0,
         id: String::new(),

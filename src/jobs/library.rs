@@ -3,7 +3,7 @@
 use super::ledger::{Change, SceneRow};
 use super::problem::{Code, Problem};
 use super::scenes::{ImageContent, StoredImage, StoredScene, content_id};
-use super::{HDRI_PIXEL_BYTES, Service, hdri_name, mebibytes};
+use super::{HDRI_PIXEL_BYTES, Service, mebibytes};
 use crate::compile::{decode_hdri, map_size};
 use crate::params::{FieldError, RenderParams};
 use crate::scene::{self, Package};
@@ -151,7 +151,7 @@ impl Service {
         files: &mut Vec<(String, Vec<u8>)>,
     ) -> Result<Images, Problem> {
         let (mut taken, mut images) = (HashMap::new(), Images::default());
-        if let Some(name) = hdri_name(params).map(str::to_owned) {
+        if let Some(name) = params.hdri_name().map(str::to_owned) {
             let pointer = "/params/environment/hdri";
             let image = self.take_image(&name, pointer, files, &mut taken).await?;
             if image.environment().is_none() {

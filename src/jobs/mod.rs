@@ -56,7 +56,7 @@ pub use worker::EngineFactory;
 
 use crate::config::Limits;
 use crate::film::Aov;
-use crate::params::{EnvironmentChoice, ImageFormat, RenderParams};
+use crate::params::ImageFormat;
 use crate::render::RenderError;
 use memory::Budget;
 use outcome::Developed;
@@ -392,14 +392,6 @@ async fn start_worker(shared: Arc<Shared>, factory: EngineFactory) -> Result<mps
     });
     start.await.unwrap_or_else(|_| Err(RenderError::NoAdapter("the engine failed to start".into())))?;
     Ok(worker)
-}
-
-/// What the parameters call the picture of the environment.
-pub fn hdri_name(params: &RenderParams) -> Option<&str> {
-    match &params.environment {
-        EnvironmentChoice::Given(environment) => environment.hdri.as_deref(),
-        EnvironmentChoice::Auto | EnvironmentChoice::None => None,
-    }
 }
 
 fn no_result(job: &Job) -> Problem {

@@ -1,7 +1,7 @@
 //! Spheres of the request, and what it says of materials of the file: values and maps.
 
-use super::RenderParams;
 use super::validate::Check;
+use super::{EnvironmentChoice, RenderParams};
 use serde::{Deserialize, Serialize};
 
 /// A sphere given by its equation; no mesh.
@@ -227,6 +227,14 @@ impl OverrideParams {
 }
 
 impl RenderParams {
+    /// Name of the environment's picture.
+    pub fn hdri_name(&self) -> Option<&str> {
+        match &self.environment {
+            EnvironmentChoice::Given(environment) => environment.hdri.as_deref(),
+            EnvironmentChoice::Auto | EnvironmentChoice::None => None,
+        }
+    }
+
     /// Names of the pictures that spheres and overrides have, each with the pointer to where it stands.
     pub fn map_names_mut(&mut self) -> impl Iterator<Item = (String, &mut String)> {
         let spheres = self.spheres.iter_mut().enumerate().flat_map(|(index, sphere)| {
@@ -353,12 +361,8 @@ fn check_maps(check: &mut Check, maps: &Maps<'_>) {
 
 #[cfg(test)]
 mod tests {
-    use crate::params::{ParamLimits, from_json};
-
-    fn faults(json: &str) -> Vec<String> {
-        let faults = from_json(json).unwrap().validate(&ParamLimits::default());
-        faults.map_or_else(|faults| faults.into_iter().map(|fault| fault.pointer).collect(), |()| Vec::new())
-    }
+    use crate::params::from_json;
+    use crate::params::validate::tests::faults;
 
     #[test]
     fn every_range_of_a_sphere_is_checked() {

@@ -320,11 +320,12 @@ fn check_emission(check: &mut Check, color: &[f32; 3], intensity: f32) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::params::from_json;
 
-    fn faults(json: &str) -> Vec<String> {
+    /// Pointers of what is wrong.
+    pub fn faults(json: &str) -> Vec<String> {
         let faults = from_json(json).unwrap().validate(&ParamLimits::default());
         faults.map_or_else(|faults| faults.into_iter().map(|fault| fault.pointer).collect(), |()| Vec::new())
     }
