@@ -1,7 +1,8 @@
 //! Encoded equirectangular pictures -> [`Hdri`].
 
+use super::Hdri;
 use super::emitters::{linear, luminance};
-use super::{EnvironmentCell, Hdri};
+use super::tiles::Tiling;
 use glam::Vec3;
 use image::{DynamicImage, ImageReader, Limits};
 use rayon::prelude::*;
@@ -108,42 +109,11 @@ impl Hdri {
         if power == 0.0 {
             weights = (0..weights.len()).map(|cell| solid_angles[cell / width as usize]).collect();
         }
-        let sums: Vec<f64> = weights.chunks_exact(width as usize).map(|row| row.iter().sum()).collect();
-        let rows = distribution(&sums);
-        let mut cells = Vec::with_capacity(weights.len());
-        for (j, row) in weights.chunks_exact(width as usize).enumerate() {
-            let density = step(&rows, j) / solid_angles[j];
-            let columns = distribution(row);
-            // Of the rounded functions, so that a sampler that divides by it is unbiased.
-            let cell = |i| EnvironmentCell { cumulative: columns[i], pdf: (step(&columns, i) * density) as f32 };
-            cells.extend((0..row.len()).map(cell));
-        }
-        Self { width, height, cells, rows, power: power as f32, texels }
+        let tiling = Tiling { width: width as usize, rows: height as usize + 1 };
+        let (rows, cells) = tiling.within(&weights, &solid_angles);
+        let tiles = tiling.facing_tables(&weights);
+        Self { width, height, cells, rows, tiles, power: power as f32, texels }
     }
-}
-
-/// Distribution function of weights, none of them negative; of equal ones if all are zero. Ends at 1.
-fn distribution(weights: &[f64]) -> Vec<f32> {
-    let total: f64 = weights.iter().sum();
-    let share = |weight: &f64| if total > 0.0 { weight / total } else { 1.0 / weights.len() as f64 };
-    let mut sum = 0.0;
-    let mut function: Vec<f32> = weights
-        .iter()
-        .map(|weight| {
-            sum += share(weight);
-            sum.min(1.0) as f32
-        })
-        .collect();
-    if let Some(last) = function.last_mut() {
-        *last = 1.0;
-    }
-    function
-}
-
-/// Probability of one entry of a distribution function.
-fn step(function: &[f32], index: usize) -> f64 {
-    let before = index.checked_sub(1).map_or(0.0, |before| function[before]);
-    f64::from(function[index]) - f64::from(before)
 }
 
 /// Solid angle of a cell of each row.

@@ -131,8 +131,11 @@ pub struct Hdri {
     /// poles). Cell (i, j) spans u from (i + 0.5) / width to (i + 1.5) / width and v from max(j - 0.5, 0) / height to
     /// min(j + 0.5, height) / height.
     pub cells: Vec<EnvironmentCell>,
-    /// Distribution function over the rows of cells: probability of this row or one above it.
+    /// Of each column of tiles ([`TILES`](super::TILES)) the distribution functions over the rows of cells, `height + 1` numbers: probability,
+    /// given the tile, of this row or one above it.
     pub rows: Vec<f32>,
+    /// Of each facing the shares of the tiles: see [`Hdri::facing`].
+    pub tiles: Vec<Share>,
     /// Integral of luminance over the sphere.
     pub power: f32,
 }
@@ -142,8 +145,18 @@ pub struct Hdri {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct EnvironmentCell {
-    /// Distribution function within the row: probability, given the row, of this cell or one before it.
+    /// Distribution function within the row of its tile: probability, given both, of this cell or one before it.
     pub cumulative: f32,
-    /// Density over solid angle within the cell (1/sr); constant, cells being sampled uniformly in solid angle.
+    /// Density over solid angle within the cell (1/sr), given its tile; constant, cells being sampled uniformly in solid angle.
     pub pdf: f32,
+}
+
+/// A row of tiles of an environment, or a tile of a row.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Share {
+    /// Distribution function among the rows, or in the row: probability of this one or one before it.
+    pub cumulative: f32,
+    /// Probability of this one among all rows, or all tiles.
+    pub probability: f32,
 }

@@ -32,6 +32,7 @@ mod moment;
 mod quantize;
 mod texels;
 mod textures;
+mod tiles;
 mod vertices;
 mod walk;
 
@@ -48,12 +49,13 @@ pub use features::{Features, features};
 pub use geometry::{compile_request, compile_scene};
 pub use hdri::{ENVIRONMENT_PIXELS, HdriError, decode_hdri};
 pub use lighting::{
-    Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight,
+    Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight, Share,
 };
 pub use lights::{light, shines};
 pub use look::MapFiles;
 pub use moment::moment;
 pub use textures::map_size;
+pub use tiles::{ANY_FACING, FACING_STRIDE, FACINGS, TILES, tile_of};
 pub use walk::{camera_nodes, chosen_scene};
 
 use glam::Affine3A;

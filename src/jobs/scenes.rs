@@ -198,7 +198,10 @@ impl Stored for StoredImage {
 
     fn bytes(&self) -> u64 {
         let bytes = match &self.content {
-            ImageContent::Environment(hdri) => size_of_val(hdri.texels.as_slice()) + size_of_val(hdri.cells.as_slice()),
+            ImageContent::Environment(hdri) => {
+                let tables = size_of_val(hdri.cells.as_slice()) + size_of_val(hdri.tiles.as_slice());
+                size_of_val(hdri.texels.as_slice()) + tables
+            }
             ImageContent::Map(bytes) => bytes.len(),
         };
         bytes as u64

@@ -1,6 +1,6 @@
 //! Light from infinity.
 
-use crate::compile::{Environment, EnvironmentKind, Hdri};
+use crate::compile::{Environment, EnvironmentKind, FACINGS, Hdri, TILES, tile_of};
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
@@ -27,12 +27,33 @@ pub fn radiance(environment: &Environment, direction: DVec3) -> DVec3 {
     shown * f64::from(environment.intensity)
 }
 
-/// Draws a direction of a picture, by the luminance of its cells.
-pub fn sample(hdri: &Hdri, rotation: f32, u: [f64; 2]) -> DirectionSample {
-    let width = hdri.width as usize;
-    let (row, down) = invert(&hdri.rows, |x| f64::from(*x), u[1]);
-    let cells = &hdri.cells[row * width..(row + 1) * width];
-    let (column, across) = invert(cells, |cell| f64::from(cell.cumulative), u[0]);
+/// The facing of a surface with a normal, whose tables tell which tiles of a picture light it: see [`TILES`].
+pub fn facing(rotation: f32, normal: DVec3) -> usize {
+    let n = turned(normal, -rotation);
+    let [x, z] = [n.x, n.z].map(|axis| axis / (n.x.abs() + n.y.abs() + n.z.abs()));
+    // The lower half of the octahedron is folded outwards.
+    let fold = (x.abs() + z.abs() - 1.0).abs() * f64::from(u8::from(n.y < 0.0));
+    let bin = |axis: f64| {
+        let place = (axis + fold.copysign(axis)) * 0.5 + 0.5;
+        ((place * FACINGS as f64) as usize).min(FACINGS - 1)
+    };
+    bin(z) * FACINGS + bin(x)
+}
+
+/// Draws a direction of a picture for a surface of some facing: a tile, a cell in it, a place in that.
+pub fn sample(hdri: &Hdri, rotation: f32, facing: usize, u: [f64; 2]) -> DirectionSample {
+    let [width, rows] = [hdri.width as usize, hdri.height as usize + 1];
+    let (bands, tiles) = hdri.facing(facing).split_at(TILES[1]);
+    let (band, down) = invert(bands, |share| share.cumulative, u[1]);
+    let tiles = &tiles[band * TILES[0]..][..TILES[0]];
+    let (tile, across) = invert(tiles, |share| share.cumulative, u[0]);
+    let first = band * rows / TILES[1];
+    let (row, down) = invert(&hdri.rows[tile * rows..][first..(band + 1) * rows / TILES[1]], |x| *x, down);
+    let row = first + row;
+    let first = tile * width / TILES[0];
+    let cells = &hdri.cells[row * width..][first..(tile + 1) * width / TILES[0]];
+    let (cell, across) = invert(cells, |cell| cell.cumulative, across);
+    let column = first + cell;
     let phi = TAU * ((column as f64 + 0.5 + across) / width as f64 - 0.5);
     let [top, bottom] = row_angles(hdri, row);
     // Uniform in solid angle: in the cosine. Its difference from 1 (or -1) is what keeps its digits at a pole.
@@ -41,16 +62,22 @@ pub fn sample(hdri: &Hdri, rotation: f32, u: [f64; 2]) -> DirectionSample {
     let depth = rise + (fall - rise) * down;
     let radius = (depth * (2.0 - depth)).max(0.0).sqrt();
     let direction = DVec3::new(radius * phi.cos(), pole * (1.0 - depth), radius * phi.sin());
-    DirectionSample { direction: turned(direction, rotation), pdf: f64::from(cells[column].pdf) }
+    DirectionSample {
+        direction: turned(direction, rotation),
+        pdf: f64::from(tiles[tile].probability) * f64::from(cells[cell].pdf),
+    }
 }
 
 /// Density of [`sample`] at a direction.
-pub fn pdf(hdri: &Hdri, rotation: f32, direction: DVec3) -> f64 {
+pub fn pdf(hdri: &Hdri, rotation: f32, facing: usize, direction: DVec3) -> f64 {
     let uv = coordinates(turned(direction, -rotation));
     let (width, height) = (i64::from(hdri.width), i64::from(hdri.height));
     let column = ((uv.x * width as f64 - 0.5).floor() as i64).rem_euclid(width);
     let row = ((uv.y * height as f64 + 0.5).floor() as i64).clamp(0, height);
-    f64::from(hdri.cells[(row * width + column) as usize].pdf)
+    let tile = tile_of(row as usize, height as usize + 1, TILES[1]) * TILES[0]
+        + tile_of(column as usize, width as usize, TILES[0]);
+    let share = hdri.facing(facing)[TILES[1] + tile].probability;
+    f64::from(share) * f64::from(hdri.cells[(row * width + column) as usize].pdf)
 }
 
 /// Angles from the pole at which a row of cells begins and ends: see [`Hdri::cells`].
@@ -59,12 +86,13 @@ fn row_angles(hdri: &Hdri, row: usize) -> [f64; 2] {
     [row as f64 - 0.5, row as f64 + 0.5].map(|v| PI * v.clamp(0.0, height) / height)
 }
 
-/// Entry of a distribution function that `u` falls into, and how far into it, 0 to 1.
-fn invert<T>(entries: &[T], cumulative: impl Fn(&T) -> f64, u: f64) -> (usize, f64) {
+/// Entry of a distribution function that `u` falls into, and how far into it, from 0 to less than 1.
+fn invert<T>(entries: &[T], cumulative: impl Fn(&T) -> f32, u: f64) -> (usize, f64) {
+    let cumulative = |entry: &T| f64::from(cumulative(entry));
     let index = entries.partition_point(|entry| cumulative(entry) <= u).min(entries.len() - 1);
     let before = index.checked_sub(1).map_or(0.0, |before| cumulative(&entries[before]));
     let within = (u - before) / (cumulative(&entries[index]) - before);
-    (index, within.clamp(0.0, 1.0))
+    (index, within.clamp(0.0, 1.0 - f64::EPSILON))
 }
 
 /// Turned about +y by an angle in radians, from +z towards +x.

@@ -10,7 +10,7 @@ use super::phong::Phong;
 use super::sampler::{Dimension, Sampler};
 use super::sampling::power_heuristic;
 use super::surface::{Surface, coverage};
-use crate::compile::{EnvironmentKind, Extended, Hdri, Material};
+use crate::compile::{ANY_FACING, EnvironmentKind, Extended, Features, Hdri, Material};
 use crate::params::Mode;
 use crate::render::{Strategy, Work};
 use glam::{DMat3, DVec3, DVec4};
@@ -57,6 +57,8 @@ struct Path {
     bounce: u32,
     /// Density of the ray's direction over solid angle; none: no light sample could have found it.
     pdf: Option<f64>,
+    /// Facing of the surface where it was drawn.
+    facing: usize,
     /// Way from where that direction was drawn, past walls that a shadow ray passes too, to where the ray begins.
     passed: f64,
     /// What the ray is in.
@@ -88,6 +90,7 @@ impl Integrator {
             radiance: DVec3::ZERO,
             bounce: 0,
             pdf: None,
+            facing: ANY_FACING,
             passed: 0.0,
             media: Media::default(),
             wavelength: None,
@@ -206,10 +209,10 @@ impl Integrator {
             return false;
         }
         path.throughput *= scattered.weight;
-        (path.pdf, path.passed) = match &vertex.bsdf {
-            Reflection::Layered(layered) if layered.is_straight(scattered.wi) => (path.pdf, path.passed + distance),
-            _ => (scattered.pdf, 0.0),
-        };
+        match &vertex.bsdf {
+            Reflection::Layered(layered) if layered.is_straight(scattered.wi) => path.passed += distance,
+            _ => (path.pdf, path.passed, path.facing) = (scattered.pdf, 0.0, self.facing(vertex)),
+        }
         if let Some(crossing) = vertex.crossing.as_ref().filter(|_| scattered.wi.z < 0.0) {
             path.media = crossing.beyond;
         }
@@ -247,7 +250,8 @@ impl Integrator {
         let environment = &self.work.lighting.environment;
         let mut radiance = environment::radiance(environment, path.ray.direction);
         if let (Some(pdf), Some(hdri)) = (path.pdf, self.sampled_picture()) {
-            let other = environment::pdf(hdri, environment.rotation, path.ray.direction) * self.environment_share();
+            let other = environment::pdf(hdri, environment.rotation, path.facing, path.ray.direction)
+                * self.environment_share();
             radiance *= self.scattered_weight(pdf, other);
         }
         radiance + environment.ambient.as_dvec3()
@@ -364,7 +368,7 @@ impl Integrator {
 
     fn picture_sample(&self, hdri: &Hdri, vertex: &Vertex, share: f64, u: [f64; 2]) -> LightSample {
         let environment = &self.work.lighting.environment;
-        let sky = environment::sample(hdri, environment.rotation, u);
+        let sky = environment::sample(hdri, environment.rotation, self.facing(vertex), u);
         let pdf = sky.pdf * share;
         LightSample {
             origin: vertex.surface.leave(sky.direction),
@@ -374,6 +378,16 @@ impl Integrator {
             weight: environment::radiance(environment, sky.direction) / pdf,
             pdf: Some(pdf),
         }
+    }
+
+    /// By which table directions of the picture are drawn at a vertex.
+    fn facing(&self, vertex: &Vertex) -> usize {
+        let Features { transmission, diffuse_transmission, .. } = self.work.features;
+        let both_sides = (transmission || diffuse_transmission) && !vertex.bsdf.is_opaque();
+        if both_sides || self.sampled_picture().is_none() {
+            return ANY_FACING;
+        }
+        environment::facing(self.work.lighting.environment.rotation, vertex.surface.shading_normal)
     }
 
     /// Part of the light samples that go to the environment: only a picture is worth any.

@@ -1,7 +1,7 @@
 //! What has been uploaded: scenes, environments and tables, kept as long as their source lives.
 
 use super::device::Gpu;
-use crate::compile::{CompiledScene, Environment, EnvironmentKind, Hdri, Material, TexturePages};
+use crate::compile::{CompiledScene, Environment, EnvironmentKind, FACING_STRIDE, Hdri, Material, Share, TexturePages};
 use crate::render::RenderError;
 use crate::render::albedo::{TABLE_WIDTH, albedo_table};
 use crate::render::layer_albedo::LAYER_TABLE;
@@ -38,6 +38,8 @@ pub struct GpuEnvironment {
     pub texels: wgpu::TextureView,
     /// Binding 13.
     pub cells: wgpu::TextureView,
+    /// Binding 17.
+    pub tiles: wgpu::TextureView,
 }
 
 /// Uploads by source. A source that nobody else holds any more is dropped at the next render.
@@ -58,6 +60,7 @@ impl Resources {
         let no_environment = Arc::new(GpuEnvironment {
             texels: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rgba32Float, &[0; 16]),
             cells: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rg32Float, &[0; 8]),
+            tiles: texture(gpu, "no environment", (1, 1, 1), wgpu::TextureFormat::Rg32Float, &[0; 8]),
         });
         Self { core_albedo, all_albedo: None, scenes: Vec::new(), environments: Vec::new(), no_environment }
     }
@@ -177,25 +180,35 @@ fn upload_pages(
 
 fn upload_environment(gpu: &Gpu, hdri: &Hdri) -> Result<GpuEnvironment, RenderError> {
     let limit = gpu.device.limits().max_texture_dimension_2d;
-    if hdri.width >= limit || hdri.height >= limit {
+    if hdri.width > limit || hdri.height >= limit {
         return Err(RenderError::TooLarge(format!(
             "the environment has {} x {} texels, {} takes {limit} a side",
             hdri.width, hdri.height, gpu.info.name
         )));
     }
     let texels: Vec<[f32; 4]> = hdri.texels.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
-    // A last column holds the distribution function of the rows.
-    let mut cells: Vec<[f32; 2]> = Vec::with_capacity(hdri.cells.len() + hdri.rows.len());
-    for (row, below) in hdri.cells.chunks_exact(hdri.width as usize).zip(&hdri.rows) {
-        cells.extend(row.iter().map(|cell| [cell.cumulative, cell.pdf]));
-        cells.push([*below, 0.0]);
-    }
     let size = (hdri.width, hdri.height, 1);
-    let cells_size = (hdri.width + 1, hdri.height + 1, 1);
+    let cells = bytemuck::cast_slice(&hdri.cells);
+    let cells_size = (hdri.width, hdri.height + 1, 1);
+    let (tiles, tiles_size) = tile_tables(hdri);
     Ok(GpuEnvironment {
         texels: texture(gpu, "environment", size, wgpu::TextureFormat::Rgba32Float, bytemuck::cast_slice(&texels)),
-        cells: texture(gpu, "environment", cells_size, wgpu::TextureFormat::Rg32Float, bytemuck::cast_slice(&cells)),
+        cells: texture(gpu, "environment", cells_size, wgpu::TextureFormat::Rg32Float, cells),
+        tiles: texture(gpu, "environment", tiles_size, wgpu::TextureFormat::Rg32Float, bytemuck::cast_slice(&tiles)),
     })
+}
+
+/// The facings' tables and below them the rows of the columns of tiles, each a row of a texture; and its size.
+fn tile_tables(hdri: &Hdri) -> (Vec<Share>, (u32, u32, u32)) {
+    let rows = hdri.height as usize + 1;
+    let width = FACING_STRIDE.max(rows);
+    let padded = |line: Vec<Share>| line.into_iter().chain(std::iter::repeat(Share::default())).take(width);
+    let facings = hdri.tiles.chunks_exact(FACING_STRIDE).map(<[Share]>::to_vec);
+    let of_row = |&cumulative: &f32| Share { cumulative, probability: 0.0 };
+    let columns = hdri.rows.chunks_exact(rows).map(|column| column.iter().map(of_row).collect());
+    let table: Vec<Share> = facings.chain(columns).flat_map(padded).collect();
+    let height = table.len() / width;
+    (table, (width as u32, height as u32, 1))
 }
 
 fn texture(

@@ -6,7 +6,7 @@ use super::quadrature::Rectangle;
 use super::random::Random;
 use super::verdict::{Verdict, smallest_found};
 use crate::support::{params, scene, work_with_hdri};
-use candela::compile::{Environment, EnvironmentKind, Hdri};
+use candela::compile::{ANY_FACING, Environment, EnvironmentKind, FACINGS, Hdri, TILES};
 use candela::render::cpu::environment;
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
@@ -17,12 +17,19 @@ const DRAWS: usize = 1 << 19;
 /// Turn of the environment.
 const ROTATION: f64 = 77.0;
 
+/// Numbers and, in a word after them, a facing.
+fn with_facing(numbers: [f64; 3], word: usize, facing: usize) -> [u32; 4] {
+    let mut argument = words([numbers[0], numbers[1], numbers[2], 0.0]);
+    argument[word] = facing as u32;
+    argument
+}
+
 /// An implementation.
 trait Sky {
-    /// Direction and density.
-    fn sample(&self, u: &[[f64; 3]]) -> Vec<(DVec3, f64)>;
+    /// Direction and density for a surface of some facing.
+    fn sample(&self, facing: usize, u: &[[f64; 3]]) -> Vec<(DVec3, f64)>;
     /// Radiance of the red channel and density.
-    fn value(&self, directions: &[DVec3]) -> Vec<[f64; 2]>;
+    fn value(&self, facing: usize, directions: &[DVec3]) -> Vec<[f64; 2]>;
 }
 
 struct Shader {
@@ -40,13 +47,13 @@ impl Shader {
 }
 
 impl Sky for Shader {
-    fn sample(&self, u: &[[f64; 3]]) -> Vec<(DVec3, f64)> {
-        let points: Vec<_> = u.iter().map(|u| words([u[0], u[1], 0.0, 0.0])).collect();
+    fn sample(&self, facing: usize, u: &[[f64; 3]]) -> Vec<(DVec3, f64)> {
+        let points: Vec<_> = u.iter().map(|u| with_facing([u[0], u[1], 0.0], 2, facing)).collect();
         self.sample.run(&[&points]).into_iter().map(|[x, y, z, pdf]| (DVec3::new(x, y, z), pdf)).collect()
     }
 
-    fn value(&self, directions: &[DVec3]) -> Vec<[f64; 2]> {
-        let directions: Vec<_> = directions.iter().map(|d| words([d.x, d.y, d.z, 0.0])).collect();
+    fn value(&self, facing: usize, directions: &[DVec3]) -> Vec<[f64; 2]> {
+        let directions: Vec<_> = directions.iter().map(|d| with_facing(d.to_array(), 3, facing)).collect();
         self.value.run(&[&directions]).into_iter().map(|[red, _, _, pdf]| [red, pdf]).collect()
     }
 }
@@ -62,13 +69,14 @@ impl F64 {
 }
 
 impl Sky for F64 {
-    fn sample(&self, u: &[[f64; 3]]) -> Vec<(DVec3, f64)> {
-        let samples = u.iter().map(|u| environment::sample(&self.1, self.0.rotation, [u[0], u[1]]));
+    fn sample(&self, facing: usize, u: &[[f64; 3]]) -> Vec<(DVec3, f64)> {
+        let samples = u.iter().map(|u| environment::sample(&self.1, self.0.rotation, facing, [u[0], u[1]]));
         samples.map(|s| (s.direction, s.pdf)).collect()
     }
 
-    fn value(&self, directions: &[DVec3]) -> Vec<[f64; 2]> {
-        let value = |d: &DVec3| [environment::radiance(&self.0, *d).x, environment::pdf(&self.1, self.0.rotation, *d)];
+    fn value(&self, facing: usize, directions: &[DVec3]) -> Vec<[f64; 2]> {
+        let density = |d: &DVec3| environment::pdf(&self.1, self.0.rotation, facing, *d);
+        let value = |d: &DVec3| [environment::radiance(&self.0, *d).x, density(d)];
         directions.iter().map(value).collect()
     }
 }
@@ -104,8 +112,9 @@ impl Picture {
         Rectangle { low: [height(j + 0.5), azimuth(i + 0.5)], high: [height(j - 0.5), azimuth(i + 1.5)] }
     }
 
-    /// Probability of each cell, row by row: mean of its four texels by solid angle; a black picture: solid angle.
-    fn probabilities(&self) -> Vec<f64> {
+    /// Probability of each cell, row by row: mean of its four texels by solid angle; a black picture: solid angle. For a surface of some
+    /// facing times what [`Self::squareness`] its tile has.
+    fn probabilities(&self, facing: usize) -> Vec<f64> {
         let weight = |black: f64| {
             (0..self.width * (self.height + 1)).map(move |k| {
                 let (i, j) = (k % self.width, k / self.width);
@@ -119,8 +128,43 @@ impl Picture {
         if weights.iter().all(|w| *w == 0.0) {
             weights = weight(1.0).collect();
         }
+        let mut weights: Vec<f64> = self.squareness(&weights, facing).zip(&weights).map(|(part, w)| part * w).collect();
         let total: f64 = weights.iter().sum();
-        weights.into_iter().map(|w| w / total).collect()
+        weights.iter_mut().for_each(|w| *w /= total);
+        weights
+    }
+
+    /// Per cell the cosine at which the light of its tile arrives: the mean of four normals of the facing by the mean direction of the tile's
+    /// light, at least 0.03.
+    fn squareness(&self, weights: &[f64], facing: usize) -> impl Iterator<Item = f64> {
+        let tile = |k: usize| {
+            let part = |cell: usize, cells: usize, tiles: usize| {
+                (0..tiles).rfind(|t| t * cells / tiles <= cell).expect("the first tile begins at 0")
+            };
+            (part(k % self.width, self.width, TILES[0]), part(k / self.width, self.height + 1, TILES[1]))
+        };
+        let mut light = std::collections::HashMap::new();
+        for (k, weight) in weights.iter().enumerate() {
+            let (polar, azimuth) = (
+                PI * (k / self.width) as f64 / self.height as f64,
+                TAU * (((k % self.width) as f64 + 1.0) / self.width as f64 - 0.5),
+            );
+            let direction = DVec3::new(polar.sin() * azimuth.cos(), polar.cos(), polar.sin() * azimuth.sin());
+            let (power, sum): &mut (f64, DVec3) = light.entry(tile(k)).or_default();
+            *power += weight;
+            *sum += *weight * direction;
+        }
+        let normals: Vec<DVec3> =
+            [0.25, 0.75].iter().flat_map(|u| [0.25, 0.75].map(|v| facing_normal(facing, *u, v))).collect();
+        let squareness = move |k: usize| match light[&tile(k)] {
+            _ if facing == ANY_FACING => 1.0,
+            (power, sum) if power > 0.0 => {
+                let cosines = normals.iter().map(|n| n.dot(sum / power).max(0.0));
+                (cosines.sum::<f64>() / 4.0).max(0.03)
+            }
+            _ => 0.03,
+        };
+        (0..weights.len()).map(squareness).collect::<Vec<_>>().into_iter()
     }
 
     /// Probability of a rectangle of heights and azimuths.
@@ -155,6 +199,18 @@ impl Picture {
     }
 }
 
+/// Normal at a place of a facing's square, in the picture's frame: the octahedron, its lower half folded out (Cigolle et al. 2014).
+fn facing_normal(facing: usize, u: f64, v: f64) -> DVec3 {
+    let at = |k: usize, within: f64| (k as f64 + within) / FACINGS as f64 * 2.0 - 1.0;
+    let (x, z) = (at(facing % FACINGS, u), at(facing / FACINGS, v));
+    let y = 1.0 - x.abs() - z.abs();
+    if y >= 0.0 {
+        DVec3::new(x, y, z).normalize()
+    } else {
+        DVec3::new((1.0 - z.abs()) * x.signum(), y, (1.0 - x.abs()) * z.signum()).normalize()
+    }
+}
+
 /// (height, azimuth) of a direction of the world, in the picture's frame.
 fn coordinates(d: DVec3) -> [f64; 2] {
     let d = DVec3::new(d.x, d.y, d.z).normalize();
@@ -185,15 +241,25 @@ fn pictures() -> Vec<Picture> {
     ]
 }
 
+/// Surfaces that are lit from both sides, that look up, and that look down and aside.
+const SURFACES: [usize; 3] = [ANY_FACING, 8 * FACINGS + 8, 2 * FACINGS + 1];
+
 fn judge(picture: &Picture, sky: &dyn Sky, verdict: &mut Verdict) {
-    let cells = picture.probabilities();
-    let draws = sky.sample(&Random(picture.width as u64).points(DRAWS));
+    for facing in SURFACES {
+        judge_facing(picture, sky, facing, verdict);
+    }
+}
+
+fn judge_facing(picture: &Picture, sky: &dyn Sky, facing: usize, verdict: &mut Verdict) {
+    let cells = picture.probabilities(facing);
+    let draws = sky.sample(facing, &Random(picture.width as u64).points(DRAWS));
     let points: Vec<_> = draws.iter().map(|(d, _)| Some(coordinates(*d))).collect();
     let p = test_density(&points, SPHERE, |leaf| picture.probability(&cells, leaf));
-    verdict.probability(picture.name.into(), p);
+    let name = format!("{}, facing {facing}", picture.name);
+    verdict.probability(name.clone(), p);
 
     let directions: Vec<DVec3> = draws.iter().take(1 << 16).map(|(d, _)| *d).chain(all_around()).collect();
-    let values = sky.value(&directions);
+    let values = sky.value(facing, &directions);
     let (mut density, mut radiance, mut own) = (Vec::new(), Vec::new(), Vec::new());
     let brightest = picture.texels.iter().copied().fold(0.0f32, f32::max).max(1e-30);
     for (index, (d, [red, pdf])) in directions.iter().zip(values).enumerate() {
@@ -212,10 +278,10 @@ fn judge(picture: &Picture, sky: &dyn Sky, verdict: &mut Verdict) {
             own.push((sampled / pdf - 1.0).abs());
         }
     }
-    verdict.deviation(format!("{}, density", picture.name), density, 2e-5);
-    verdict.deviation(format!("{}, density of a sample", picture.name), own, 1e-6);
-    verdict.deviation(format!("{}, radiance", picture.name), radiance, 1e-5 + 1e-6 * picture.width as f64);
-    integral(picture, sky, verdict);
+    verdict.deviation(format!("{name}, density"), density, 2e-5);
+    verdict.deviation(format!("{name}, density of a sample"), own, 1e-6);
+    verdict.deviation(format!("{name}, radiance"), radiance, 1e-5 + 1e-6 * picture.width as f64);
+    integral(picture, sky, facing, verdict);
 }
 
 /// Directions of the whole sphere, rounded as the shader gets them.
@@ -229,7 +295,7 @@ fn all_around() -> impl Iterator<Item = DVec3> {
 }
 
 /// The density integrates to 1: it is constant in each cell.
-fn integral(picture: &Picture, sky: &dyn Sky, verdict: &mut Verdict) {
+fn integral(picture: &Picture, sky: &dyn Sky, facing: usize, verdict: &mut Verdict) {
     let rotation = glam::DQuat::from_rotation_y(f64::from(ROTATION.to_radians() as f32));
     let cells: Vec<Rectangle> =
         (0..picture.width * (picture.height + 1)).map(|k| picture.cell(k % picture.width, k / picture.width)).collect();
@@ -242,8 +308,8 @@ fn integral(picture: &Picture, sky: &dyn Sky, verdict: &mut Verdict) {
         })
         .collect();
     let angles = cells.iter().map(|cell| (cell.high[0] - cell.low[0]) * (cell.high[1] - cell.low[1]));
-    let sum: f64 = sky.value(&middles).iter().zip(angles).map(|([_, pdf], angle)| pdf * angle).sum();
-    verdict.deviation(format!("{}, integral of the density", picture.name), [(sum - 1.0).abs()], 1e-5);
+    let sum: f64 = sky.value(facing, &middles).iter().zip(angles).map(|([_, pdf], angle)| pdf * angle).sum();
+    verdict.deviation(format!("{}, facing {facing}, integral of the density", picture.name), [(sum - 1.0).abs()], 1e-5);
 }
 
 fn all(fault: Option<(Fault, f64)>, pictures: &[Picture]) -> Verdict {
@@ -258,7 +324,7 @@ fn all(fault: Option<(Fault, f64)>, pictures: &[Picture]) -> Verdict {
 const FAULTY: std::ops::Range<usize> = 3..5;
 
 /// What is broken to see whether the tests find it.
-const FAULTS: [(&str, Fault, f64); 4] = [
+const FAULTS: [(&str, Fault, f64); 5] = [
     (
         "height within a cell",
         Fault {
@@ -278,21 +344,24 @@ const FAULTS: [(&str, Fault, f64); 4] = [
     (
         "density of a direction",
         Fault {
-            right: "return textureLoad(environment_cells, vec2i(select(i, i + size.x, i < 0), j), 0).y;",
-            wrong: |e| {
-                format!(
-                    "return {} * textureLoad(environment_cells, vec2i(select(i, i + size.x, i < 0), j), 0).y;",
-                    1.0 + e
-                )
-            },
+            right: "return share * textureLoad(environment_cells, cell, 0).y;",
+            wrong: |e| format!("return {} * share * textureLoad(environment_cells, cell, 0).y;", 1.0 + e),
         },
         0.01,
     ),
     (
         "row of a sample",
         Fault {
-            right: "let row = invert_distribution(u.y, ",
-            wrong: |e| format!("let row = invert_distribution({:e} * u.y, ", 1.0 - e),
+            right: "let row = invert_distribution(band.within, ",
+            wrong: |e| format!("let row = invert_distribution({:e} * band.within, ", 1.0 - e),
+        },
+        0.05,
+    ),
+    (
+        "row of tiles of a sample",
+        Fault {
+            right: "let band = invert_distribution(u.y, ",
+            wrong: |e| format!("let band = invert_distribution({:e} * u.y, ", 1.0 - e),
         },
         0.01,
     ),

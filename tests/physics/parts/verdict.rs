@@ -7,7 +7,7 @@ const TESTS: [(&str, usize); 9] = [
     ("lobes", 26),
     ("whole BSDF", 75),
     ("layers", 27),
-    ("environment", 7),
+    ("environment", 21),
     ("lights", 19),
     ("lens", 1),
     ("pixel filters", 4),
