@@ -24,6 +24,8 @@ mod framing;
 mod geometry;
 mod groups;
 mod hdri;
+mod light_records;
+mod light_tree;
 mod lighting;
 mod lights;
 mod look;
@@ -51,6 +53,7 @@ pub use hdri::{ENVIRONMENT_PIXELS, HdriError, decode_hdri};
 pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight, Share,
 };
+pub use light_tree::{LightNode, LightTree};
 pub use lights::{light, shines};
 pub use look::MapFiles;
 pub use moment::moment;
