@@ -58,9 +58,14 @@ pub struct LightTree {
 }
 
 impl LightTree {
-    /// Of a scene's emitters, if there are enough.
+    /// Of a scene's emitters, if there are enough for it to pay.
     pub fn new(scene: &CompiledScene) -> Self {
-        if scene.emitters.len() < FEWEST {
+        if scene.emitters.len() < FEWEST { Self::default() } else { Self::of(scene) }
+    }
+
+    /// Of a scene's emitters, however few.
+    pub fn of(scene: &CompiledScene) -> Self {
+        if scene.emitters.is_empty() {
             return Self::default();
         }
         let mut items: Vec<Item> = (0u32..)

@@ -115,9 +115,14 @@ fn fill_table(lighting: &mut Lighting, compiled: &CompiledScene, path: bool) {
         weights.truncate(lighting.lights.len());
     }
     let (entries, probabilities) = alias::table(&weights);
-    let shapes = (0..lighting.lights.len() as u32)
-        .map(|index| LightPick { index, ..LightPick::default() })
-        .chain(emitters.iter().map(|e| LightPick { area: e.area, index: e.instance, triangle: e.triangle, ..LightPick::default() }));
+    let shapes = (0..lighting.lights.len() as u32).map(|index| LightPick { index, ..LightPick::default() }).chain(
+        emitters.iter().map(|e| LightPick {
+            area: e.area,
+            index: e.instance,
+            triangle: e.triangle,
+            ..LightPick::default()
+        }),
+    );
     lighting.picks = shapes.collect();
     for (pick, (entry, probability)) in lighting.picks.iter_mut().zip(entries.iter().zip(probabilities)) {
         (pick.keep, pick.alias, pick.probability) = (entry.keep, entry.alias, probability as f32);

@@ -59,7 +59,8 @@ mod tests {
         assert_eq!(request.biases().len(), 3);
         let direct = crate::params::DirectParams { shading: DirectShading::Phong, ..request.direct };
         assert_eq!(RenderParams { direct, ..request }.biases().len(), 4);
-        let json = r#"{"mode": "direct", "lights": [{"type": "disk", "position": [0, 1, 0], "direction": [0, -1, 0]}]}"#;
+        let json =
+            r#"{"mode": "direct", "lights": [{"type": "disk", "position": [0, 1, 0], "direction": [0, -1, 0]}]}"#;
         assert_eq!(crate::params::from_json(json).unwrap().biases().len(), 2);
         let json = r#"{"overrides": [{"material": "a", "parallax": {"image": "a", "scale": 1}}]}"#;
         assert_eq!(crate::params::from_json(json).unwrap().biases().len(), 1);

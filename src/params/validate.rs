@@ -15,6 +15,9 @@ const MAX_STOPS: f32 = 64.0;
 /// Most lights that rays look for one by one.
 const MAX_EXTENDED_LIGHTS: usize = 64;
 
+/// Sides of a lens that is not round.
+const BLADES: RangeInclusive<u32> = 3..=64;
+
 /// Angular diameters of suns in degrees. Directions in f32 do not resolve smaller ones.
 const SUNS: RangeInclusive<f32> = 0.01..=180.0;
 
@@ -259,6 +262,10 @@ fn check_camera(check: &mut Check, camera: &CameraParams) {
     check.require(camera.aperture_radius >= 0.0 && camera.aperture_radius.is_finite(), "aperture_radius", || {
         "must be finite and not negative; 0 is a pinhole".to_owned()
     });
+    check.require(camera.blades == 0 || BLADES.contains(&camera.blades), "blades", || {
+        format!("must be 0 for a round lens, or lie between {} and {}", BLADES.start(), BLADES.end())
+    });
+    check.finite(&[camera.blade_rotation_degrees], "blade_rotation_degrees");
     check.positive(camera.focus_distance, "focus_distance");
 }
 
@@ -419,6 +426,8 @@ pub(super) mod tests {
             (r#"{"yfov_degrees": 0}"#, "/yfov_degrees"),
             (r#"{"aperture_radius": -1}"#, "/aperture_radius"),
             (r#"{"focus_distance": 0}"#, "/focus_distance"),
+            (r#"{"blades": 2}"#, "/blades"),
+            (r#"{"blades": 65}"#, "/blades"),
         ] {
             assert_eq!(faults(&format!(r#"{{"camera": {camera}}}"#)), [format!("/params/camera{field}")], "{camera}");
         }

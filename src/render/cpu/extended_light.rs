@@ -24,12 +24,29 @@ pub struct Found {
 /// A light of one of the kinds.
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
-    /// Towards its middle, and the half angle's versine (1 - cos).
-    Sun { towards: DVec3, versine: f64 },
+    /// A disk at infinity.
+    Sun {
+        /// Its middle.
+        towards: DVec3,
+        /// 1 - cos of its half angle.
+        versine: f64,
+    },
     /// Shines outwards.
-    Sphere { center: DVec3, radius: f64 },
+    Sphere {
+        /// Its middle.
+        center: DVec3,
+        /// Its size.
+        radius: f64,
+    },
     /// Shines along the normal.
-    Disk { center: DVec3, normal: DVec3, radius: f64 },
+    Disk {
+        /// Its middle.
+        center: DVec3,
+        /// Of unit length.
+        normal: DVec3,
+        /// Its size.
+        radius: f64,
+    },
     /// Shines along the normal.
     Rect(Rect),
 }
@@ -46,7 +63,8 @@ pub struct Rect {
 impl Shape {
     /// Of a record with an extent.
     pub fn new(light: &PunctualLight) -> Self {
-        let [center, direction, axis] = [light.position, light.direction, light.axis].map(|v| DVec3::from(v.map(f64::from)));
+        let [center, direction, axis] =
+            [light.position, light.direction, light.axis].map(|v| DVec3::from(v.map(f64::from)));
         let (inner, outer) = (f64::from(light.inner), f64::from(light.outer));
         match light.kind() {
             kind if kind == PunctualKind::Sun as u32 => Self::Sun { towards: -direction, versine: inner },
@@ -62,9 +80,11 @@ impl Shape {
     /// A direction from a point; none: the light does not shine there.
     pub fn sample(&self, eye: DVec3, u: [f64; 2]) -> Option<Found> {
         match *self {
-            Self::Sun { towards, versine } => {
-                Some(Found { direction: in_cone(towards, versine, u), distance: f64::INFINITY, pdf: (TAU * versine).recip() })
-            }
+            Self::Sun { towards, versine } => Some(Found {
+                direction: in_cone(towards, versine, u),
+                distance: f64::INFINITY,
+                pdf: (TAU * versine).recip(),
+            }),
             Self::Sphere { center, radius } => {
                 let way = center - eye;
                 let versine = cone_of_sphere(way, radius)?;
@@ -169,7 +189,8 @@ impl Rect {
 
     /// A point of it, uniform in solid angle, or in area where it is small.
     fn place(&self, eye: DVec3, u: [f64; 2]) -> DVec3 {
-        let at = |part: DVec2| self.center + (2.0 * part.x - 1.0) * self.sides[0] + (2.0 * part.y - 1.0) * self.sides[1];
+        let at =
+            |part: DVec2| self.center + (2.0 * part.x - 1.0) * self.sides[0] + (2.0 * part.y - 1.0) * self.sides[1];
         match self.seen_from(eye) {
             Some(view) if view.solid_angle >= WIDE => at((view.place(u) - view.low) / (view.high - view.low)),
             _ => at(DVec2::from(u)),

@@ -77,8 +77,13 @@ impl Tree<'_> {
     /// times the cosines at either end, each at the best angle that box and cone allow.
     fn importance(&self, node: &LightNode, receiver: &Receiver) -> f64 {
         let [low, high, axis] = [node.min, node.max, node.axis].map(|v| DVec3::from(v.map(f64::from)));
-        let radius2 = 0.25 * (high - low).length_squared();
+        let extent = 0.5 * (high - low);
+        let radius2 = extent.length_squared();
         let way = 0.5 * (low + high) - receiver.position;
+        let is_below = way.dot(receiver.normal) + extent.dot(receiver.normal.abs()) <= 0.0;
+        if is_below && !self.both_sides {
+            return 0.0;
+        }
         let distance2 = way.length_squared();
         let power = f64::from(node.power);
         if distance2 <= radius2 {
@@ -131,7 +136,10 @@ mod tests {
                 let [a, b] = [i, j].map(|k| std::f64::consts::PI * f64::from(k) / 60.0);
                 let left = Angle::from_cosine(a.cos()).less(Angle::from_cosine(b.cos()));
                 let expected = (a - b).max(0.0);
-                assert!((left.cos - expected.cos()).abs() < 1e-7 && (left.sin - expected.sin()).abs() < 1e-7, "{a} - {b}");
+                assert!(
+                    (left.cos - expected.cos()).abs() < 1e-7 && (left.sin - expected.sin()).abs() < 1e-7,
+                    "{a} - {b}"
+                );
             }
         }
     }

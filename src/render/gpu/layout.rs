@@ -47,7 +47,9 @@ pub struct Frame {
     pub ambient: [f32; 3],
     pub environment_visible: u32,
     pub extended_lights: u32,
-    pub pad: [u32; 3],
+    pub blades: u32,
+    pub blade_rotation: f32,
+    pub pad: u32,
     pub filter_table: [f32; FILTER_STEPS],
 }
 
@@ -78,7 +80,8 @@ impl Frame {
         self.camera = std::array::from_fn(|i| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]]);
         (self.width, self.height) = (view.width, view.height);
         match view.lens {
-            Lens::Perspective { tan_half_yfov, aperture_radius, focus_distance } => {
+            Lens::Perspective { tan_half_yfov, aperture_radius, blades, blade_rotation, focus_distance } => {
+                (self.blades, self.blade_rotation) = (blades, blade_rotation);
                 self.tan_half_yfov = tan_half_yfov;
                 self.aperture_radius = aperture_radius;
                 self.focus_distance = focus_distance;
@@ -236,6 +239,8 @@ mod tests {
                 ambient,
                 environment_visible,
                 extended_lights,
+                blades,
+                blade_rotation,
                 filter_table,
             }
         );
