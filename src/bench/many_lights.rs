@@ -137,7 +137,7 @@ fn lamps(count: usize) -> Scene {
             Quat::from_rotation_y(turn * std::f32::consts::TAU) * Quat::from_rotation_x(tilt * std::f32::consts::PI);
         let lamp = &mut kinds[(random(index, 5) * KINDS as f32) as usize % KINDS];
         let first = lamp.positions.len() as u32;
-        lamp.positions.extend([Vec3::ZERO, Vec3::X * size, Vec3::Z * size].map(|corner| (place + turn * corner)));
+        lamp.positions.extend([Vec3::ZERO, Vec3::X * size, Vec3::Z * size].map(|corner| place + turn * corner));
         lamp.triangles.push([first, first + 1, first + 2]);
     }
     let floor = Primitive {
