@@ -61,7 +61,19 @@ const LIGHT_FIELDS = {
     outer_cone_degrees: 45,
     falloff: "gltf",
   },
-  directional: { direction: undefined, color: [1, 1, 1], intensity: 1 },
+  directional: { direction: undefined, color: [1, 1, 1], intensity: 1, angular_diameter_degrees: 0, visible: true },
+  rect: {
+    position: undefined,
+    direction: undefined,
+    up: [0, 1, 0],
+    width: 1,
+    height: 1,
+    color: [1, 1, 1],
+    intensity: 1,
+    visible: true,
+  },
+  disk: { position: undefined, direction: undefined, radius: 0.5, color: [1, 1, 1], intensity: 1, visible: true },
+  sphere: { position: undefined, radius: 0.5, color: [1, 1, 1], intensity: 1, visible: true },
   ambient: { color: [1, 1, 1], intensity: 1 },
 };
 
@@ -116,7 +128,7 @@ function environmentParams(environment) {
 /** `{orbit}` or `{index}`, each with a lens. */
 function cameraParams(camera) {
   const view = camera.index === null ? camera.orbit.toParams() : { index: camera.index };
-  return { ...view, ...different(camera, { aperture_radius: 0, focus_distance: null }) };
+  return { ...view, ...different(camera, { aperture_radius: 0, blades: 0, focus_distance: null }) };
 }
 
 /** `{"a.b": 1}` as `{a: {b: 1}}`. */

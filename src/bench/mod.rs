@@ -8,6 +8,7 @@ pub mod coverage;
 pub mod detail;
 pub mod error;
 pub mod http;
+pub mod many_lights;
 pub mod memory;
 mod plot;
 pub mod preview;

@@ -103,6 +103,23 @@ enum What {
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
+    /// Many emitting triangles: time to the same error with and without the tree of emitters.
+    ManyLights {
+        /// Numbers of triangles.
+        #[arg(long, value_delimiter = ',', default_values = ["10", "100", "1000", "10000", "100000", "1000000"])]
+        counts: Vec<usize>,
+        /// Which engine: auto, gpu or cpu.
+        #[arg(long, default_value = "auto", value_parser = engine)]
+        engine: EngineChoice,
+        /// Pixels a side.
+        #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(8..))]
+        side: u32,
+        /// Samples per pixel.
+        #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(4..))]
+        samples: u32,
+        #[command(flatten)]
+        rounds: Rounds,
+    },
     /// The preview engine: forward against deferred shading, 1 to 10,000 lights.
     Lights {
         /// Pixels a side.
@@ -198,6 +215,10 @@ fn measure(what: &What) -> Result<()> {
             let size = bench::error::Size { side: *side, samples: *samples, reference: *reference };
             let choice = bench::error::Choice { peers: peers.as_deref(), scenes, ways };
             bench::error::run(size, choice, folder, &mut out)?;
+        }
+        What::ManyLights { counts, engine, side, samples, rounds } => {
+            let size = bench::many_lights::Size { side: *side, samples: *samples, rounds: rounds.rounds };
+            bench::many_lights::run(*engine, counts, size, &mut out)?;
         }
         What::Lights { side, rounds, folder } => {
             let mut engine = GpuEngine::new()?;

@@ -253,6 +253,8 @@ impl Builder<'_> {
         Ok(Lens::Perspective {
             tan_half_yfov: (yfov * 0.5).tan() as f32,
             aperture_radius: self.camera.aperture_radius as f32,
+            blades: self.camera.blades,
+            blade_rotation: (self.camera.blade_rotation_degrees + 90.0).rem_euclid(360.0).to_radians() as f32,
             focus_distance: focus as f32,
         })
     }

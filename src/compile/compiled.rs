@@ -1,8 +1,9 @@
 //! [`CompiledScene`] and its parts, as kernels read them.
 
-use super::{Extended, NONE};
+use super::{Extended, LightTree, NONE};
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
+use std::f64::consts::PI;
 
 /// Geometry, materials and textures, ready to trace.
 #[derive(Debug, Default)]
@@ -37,6 +38,8 @@ pub struct CompiledScene {
     pub min_roughness: f32,
     /// Triangles that emit, in the order of `Triangle::light` + `Instance::light_base`.
     pub emitters: Vec<Emitter>,
+    /// From which they are drawn, if they are many.
+    pub light_tree: LightTree,
     /// Whether rays pass a top level first.
     pub two_level: bool,
     /// Longest chain of nodes from the root, both levels together.
@@ -304,4 +307,12 @@ pub struct Emitter {
     pub luminance: f32,
     /// Emits to both sides.
     pub double_sided: bool,
+}
+
+impl Emitter {
+    /// Luminous flux.
+    pub fn power(&self) -> f64 {
+        let sides = if self.double_sided { 2.0 } else { 1.0 };
+        PI * f64::from(self.area) * f64::from(self.luminance) * sides
+    }
 }

@@ -60,8 +60,12 @@ pub struct Features {
     pub detail: bool,
     /// There are punctual lights.
     pub punctual: bool,
+    /// There are lights with an extent.
+    pub extended_lights: bool,
     /// There are emitting triangles.
     pub emitters: bool,
+    /// They are drawn from a tree.
+    pub light_tree: bool,
     /// Kind of environment: 0 none, 1 constant (of black, if there is nothing but ambient light), 2 gradient, 3 HDRI.
     pub environment: u32,
     /// The lens has an extent.
@@ -104,8 +108,10 @@ pub fn features(scene: &CompiledScene, lighting: &Lighting, view: &View, params:
         iridescence: extension(&|extended| extended.iridescence > 0.0),
         spheres: scene.stats.spheres > 0,
         detail: !scene.details.is_empty(),
-        punctual: !lighting.lights.is_empty(),
+        punctual: lighting.lights.len() > lighting.extended as usize,
+        extended_lights: lighting.extended > 0,
         emitters: path && !scene.emitters.is_empty(),
+        light_tree: lighting.tree_probability > 0.0,
         environment: environment_code(&lighting.environment),
         thin_lens: matches!(view.lens, Lens::Perspective { aperture_radius, .. } if aperture_radius > 0.0),
         orthographic: matches!(view.lens, Lens::Orthographic { .. }),

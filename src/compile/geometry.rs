@@ -9,7 +9,7 @@ use super::materials::{self, Key, Table};
 use super::textures::{Space, Textures};
 use super::vertices::{self, Placement, UV_SETS};
 use super::walk::{chosen_scene, invalid};
-use super::{CompileError, CompileStats, CompiledScene, NONE, Triangle};
+use super::{CompileError, CompileStats, CompiledScene, LightTree, NONE, Triangle};
 use crate::params::{FieldError, RenderParams};
 use crate::scene::{Mesh, Primitive, Scene, SceneError, TextureRef};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
@@ -80,6 +80,7 @@ pub fn compile_request(scene: &Scene, params: &RenderParams, files: &MapFiles) -
     compiled.color_pages = textures.color;
     compiled.data_pages = textures.data;
     compiled.min_roughness = materials::min_roughness(&compiled);
+    compiled.light_tree = LightTree::new(&compiled);
     Ok(compiled)
 }
 

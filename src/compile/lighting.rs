@@ -2,15 +2,21 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
+use std::f32::consts::PI;
 use std::sync::Arc;
 
 /// Light of one request: everything that can be sampled, as tables.
 #[derive(Debug, Clone, Default)]
 pub struct Lighting {
-    /// Punctual lights that can reach the scene, of non-zero power.
+    /// Lights that can reach the scene, of non-zero power; those with an extent first.
     pub lights: Vec<PunctualLight>,
-    /// Alias table over `lights` then emitters; empty if there are neither.
+    /// Number of those with an extent.
+    pub extended: u32,
+    /// Entries of `lights` then emitters; empty if there are neither. All are an alias table; if there is a tree, those of `lights`.
     pub picks: Vec<LightPick>,
+    /// Probability of looking in [`CompiledScene::light_tree`](super::CompiledScene::light_tree) rather than in the table; 0: there is
+    /// no tree.
+    pub tree_probability: f32,
     /// Light from infinity.
     pub environment: Environment,
     /// Probability of sampling the environment rather than `picks` at a shading point.
@@ -19,7 +25,16 @@ pub struct Lighting {
     pub skipped: u32,
 }
 
-/// Kinds of [`PunctualLight`].
+impl Lighting {
+    /// Entries of `picks` that are the alias table.
+    pub fn table(&self) -> &[LightPick] {
+        let count = if self.tree_probability > 0.0 { self.lights.len() } else { self.picks.len() };
+        self.picks.get(..count).unwrap_or_default()
+    }
+}
+
+/// Kinds of [`PunctualLight`]. Those from `Sun` on have an extent: rays can meet them, which go on behind them, for they emit and
+/// block nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PunctualKind {
@@ -31,28 +46,71 @@ pub enum PunctualKind {
     Spot = 2,
     /// Cone, fall-off linear in the angle.
     SpotLinear = 3,
+    /// To one side, with the cosine from the axis.
+    Cosine = 4,
+    /// Disk at infinity.
+    Sun = 5,
+    /// Ball that shines outwards.
+    Sphere = 6,
+    /// Disk that shines to one side.
+    Disk = 7,
+    /// Rectangle that shines to one side.
+    Rect = 8,
 }
 
-/// A punctual light as kernels read it.
+impl PunctualKind {
+    /// As [`PunctualLight::kind`] has it, of a light with an extent that the camera sees or not.
+    pub fn record(self, visible: bool) -> u32 {
+        self as u32 | if visible { PunctualLight::VISIBLE } else { 0 }
+    }
+}
+
+/// A light that is no triangle, as kernels read it.
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct PunctualLight {
     /// Relative to the origin; directional: unused.
     pub position: [f32; 3],
-    /// [`PunctualKind`].
+    /// [`PunctualKind`], and [`PunctualLight::VISIBLE`].
     pub kind: u32,
     /// Direction that it shines in, unit length.
     pub direction: [f32; 3],
     /// Range; infinity: none.
     pub range: f32,
-    /// Candela or lux.
+    /// Candela; lux (directional, sun); radiance (sphere, disk, rect).
     pub intensity: [f32; 3],
-    /// Spot: cosine of the inner cone (`SpotLinear`: its angle).
+    /// Spot: cosine of the inner cone (`SpotLinear`: its angle). Sun: 1 less the cosine of its half angle. Sphere, disk: radius.
+    /// Rect: half width.
     pub inner: f32,
-    /// Spot: cosine of the outer cone (`SpotLinear`: its angle).
+    /// Rect: unit vector along its width.
+    pub axis: [f32; 3],
+    /// Spot: cosine of the outer cone (`SpotLinear`: its angle). Rect: half height.
     pub outer: f32,
-    /// Unused.
-    pub pad: [f32; 3],
+}
+
+impl PunctualLight {
+    /// Bit of `kind`: the camera sees it.
+    pub const VISIBLE: u32 = 1 << 8;
+
+    /// [`PunctualKind`].
+    pub fn kind(&self) -> u32 {
+        self.kind & !Self::VISIBLE
+    }
+
+    /// Whether rays can meet it.
+    pub fn has_extent(&self) -> bool {
+        self.kind() >= PunctualKind::Sun as u32
+    }
+
+    /// Of a sphere, a disk or a rectangle.
+    pub fn area(&self) -> f32 {
+        match self.kind() {
+            kind if kind == PunctualKind::Sphere as u32 => 4.0 * PI * self.inner * self.inner,
+            kind if kind == PunctualKind::Disk as u32 => PI * self.inner * self.inner,
+            kind if kind == PunctualKind::Rect as u32 => 4.0 * self.inner * self.outer,
+            _ => 0.0,
+        }
+    }
 }
 
 /// Entry of the alias table over lights (Walker 1974; Vose 1991), with what a sampled light needs at hand.
@@ -63,16 +121,18 @@ pub struct LightPick {
     pub keep: f32,
     /// The other entry.
     pub alias: u32,
-    /// Probability of this entry being picked in all.
+    /// Probability of this entry being picked from the table.
     pub probability: f32,
-    /// World area of an emitting triangle; 0: a punctual light.
+    /// World area of an emitting triangle; 0: one of `lights`.
     pub area: f32,
-    /// Emitter: its instance. Punctual: index into `lights`.
+    /// Emitter: its instance. Else: index into `lights`.
     pub index: u32,
     /// Emitter: its triangle.
     pub triangle: u32,
+    /// Emitter in a tree: the way to it ([`LightTree::trails`](super::LightTree::trails)).
+    pub trail: u32,
     /// Unused.
-    pub pad: [u32; 2],
+    pub pad: u32,
 }
 
 /// Light from infinity.

@@ -24,6 +24,8 @@ mod framing;
 mod geometry;
 mod groups;
 mod hdri;
+mod light_records;
+mod light_tree;
 mod lighting;
 mod lights;
 mod look;
@@ -48,6 +50,7 @@ pub use extended::{Extended, SLOTS, Slot};
 pub use features::{Features, features};
 pub use geometry::{compile_request, compile_scene};
 pub use hdri::{ENVIRONMENT_PIXELS, HdriError, decode_hdri};
+pub use light_tree::{LightNode, LightTree};
 pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight, Share,
 };
@@ -98,6 +101,10 @@ pub enum Lens {
         tan_half_yfov: f32,
         /// Radius of the lens.
         aperture_radius: f32,
+        /// Sides of its opening; 0: round.
+        blades: u32,
+        /// Angle of the first corner from +x towards +y.
+        blade_rotation: f32,
         /// Distance of the plane in focus along the axis.
         focus_distance: f32,
     },

@@ -1,6 +1,6 @@
 //! What a request trades truth for.
 
-use super::{DirectShading, Mode, OverrideParams, RenderParams, SphereParams};
+use super::{DirectShading, LightParams, Mode, OverrideParams, RenderParams, SphereParams};
 
 impl RenderParams {
     /// Every choice of this request by which the picture differs from the full simulation, in words for the reply.
@@ -12,6 +12,13 @@ impl RenderParams {
         }
         if self.mode == Mode::Direct && self.direct.shading == DirectShading::Phong {
             biases.push("direct.shading phong: reflection by Phong's formula, which keeps no energy".to_owned());
+        }
+        if self.mode != Mode::Path && self.lights.iter().any(LightParams::has_extent) {
+            let mode = if self.mode == Mode::Direct { "direct" } else { "preview" };
+            biases.push(format!(
+                "mode {mode}: lights with an extent (rect, disk, sphere, angular_diameter_degrees) are points that send the same \
+                 light afar: their shadows are hard, and nothing shows or mirrors them"
+            ));
         }
         let mut surfaces =
             self.spheres.iter().map(SphereParams::maps).chain(self.overrides.iter().map(OverrideParams::maps));
@@ -52,6 +59,9 @@ mod tests {
         assert_eq!(request.biases().len(), 3);
         let direct = crate::params::DirectParams { shading: DirectShading::Phong, ..request.direct };
         assert_eq!(RenderParams { direct, ..request }.biases().len(), 4);
+        let json =
+            r#"{"mode": "direct", "lights": [{"type": "disk", "position": [0, 1, 0], "direction": [0, -1, 0]}]}"#;
+        assert_eq!(crate::params::from_json(json).unwrap().biases().len(), 2);
         let json = r#"{"overrides": [{"material": "a", "parallax": {"image": "a", "scale": 1}}]}"#;
         assert_eq!(crate::params::from_json(json).unwrap().biases().len(), 1);
     }

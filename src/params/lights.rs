@@ -46,6 +46,59 @@ pub enum LightParams {
         color: [f32; 3],
         /// Lux.
         intensity: f32,
+        /// Of the disk that it comes from, like 0.53 for the sun; 0: a point, whose shadows are hard.
+        #[serde(skip_serializing_if = "is_zero")]
+        angular_diameter_degrees: f32,
+        /// Whether the camera sees the disk, if it has an extent.
+        #[serde(skip_serializing_if = "is_true")]
+        visible: bool,
+    },
+    /// A rectangle that shines to one side.
+    Rect {
+        /// Centre, world space.
+        position: [f64; 3],
+        /// Direction that it shines in, at right angles to it; need not be of unit length.
+        direction: [f64; 3],
+        /// The height lies along this direction, as far as the plane allows.
+        up: [f64; 3],
+        /// Side across `up`, scene units.
+        width: f32,
+        /// Side along `up`.
+        height: f32,
+        /// Linear colour, multiplied by the intensity.
+        color: [f32; 3],
+        /// Radiance, cd/m2.
+        intensity: f32,
+        /// Whether the camera sees it.
+        visible: bool,
+    },
+    /// A disk that shines to one side.
+    Disk {
+        /// Centre, world space.
+        position: [f64; 3],
+        /// Direction that it shines in, at right angles to it; need not be of unit length.
+        direction: [f64; 3],
+        /// Scene units.
+        radius: f32,
+        /// Linear colour, multiplied by the intensity.
+        color: [f32; 3],
+        /// Radiance, cd/m2.
+        intensity: f32,
+        /// Whether the camera sees it.
+        visible: bool,
+    },
+    /// A ball that shines outwards.
+    Sphere {
+        /// Centre, world space.
+        position: [f64; 3],
+        /// Scene units.
+        radius: f32,
+        /// Linear colour, multiplied by the intensity.
+        color: [f32; 3],
+        /// Radiance, cd/m2.
+        intensity: f32,
+        /// Whether the camera sees it.
+        visible: bool,
     },
     /// The same radiance from all sides, not seen by the camera.
     Ambient {
@@ -54,6 +107,25 @@ pub enum LightParams {
         /// Radiance, cd/m2.
         intensity: f32,
     },
+}
+
+fn is_zero(value: &f32) -> bool {
+    *value == 0.0
+}
+
+fn is_true(value: &bool) -> bool {
+    *value
+}
+
+impl LightParams {
+    /// Whether it has an extent, so that its shadows are soft and rays can meet it.
+    pub fn has_extent(&self) -> bool {
+        match self {
+            Self::Rect { .. } | Self::Disk { .. } | Self::Sphere { .. } => true,
+            Self::Directional { angular_diameter_degrees, .. } => *angular_diameter_degrees > 0.0,
+            Self::Point { .. } | Self::Spot { .. } | Self::Ambient { .. } => false,
+        }
+    }
 }
 
 /// Curve of a spot light between its inner and outer cone.
@@ -80,6 +152,12 @@ struct LightFields {
     inner_cone_degrees: Option<f32>,
     outer_cone_degrees: Option<f32>,
     falloff: Option<SpotFalloff>,
+    angular_diameter_degrees: Option<f32>,
+    up: Option<[f64; 3]>,
+    width: Option<f32>,
+    height: Option<f32>,
+    radius: Option<f32>,
+    visible: Option<bool>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -88,6 +166,9 @@ enum LightType {
     Point,
     Spot,
     Directional,
+    Rect,
+    Disk,
+    Sphere,
     Ambient,
 }
 
@@ -99,6 +180,8 @@ impl TryFrom<LightFields> for LightParams {
         let color = fields.color.unwrap_or([1.0; 3]);
         let intensity = fields.intensity.unwrap_or(1.0);
         let range = fields.range;
+        let radius = fields.radius.unwrap_or(0.5);
+        let visible = fields.visible.unwrap_or(true);
         let position = || fields.position.ok_or("missing field `position`: where the light is, as [x, y, z]");
         let direction = || fields.direction.ok_or("missing field `direction`: where the light shines, as [x, y, z]");
         Ok(match fields.r#type {
@@ -113,7 +196,27 @@ impl TryFrom<LightFields> for LightParams {
                 outer_cone_degrees: fields.outer_cone_degrees.unwrap_or(45.0),
                 falloff: fields.falloff.unwrap_or_default(),
             },
-            LightType::Directional => Self::Directional { direction: direction()?, color, intensity },
+            LightType::Directional => Self::Directional {
+                direction: direction()?,
+                color,
+                intensity,
+                angular_diameter_degrees: fields.angular_diameter_degrees.unwrap_or(0.0),
+                visible,
+            },
+            LightType::Rect => Self::Rect {
+                position: position()?,
+                direction: direction()?,
+                up: fields.up.unwrap_or([0.0, 1.0, 0.0]),
+                width: fields.width.unwrap_or(1.0),
+                height: fields.height.unwrap_or(1.0),
+                color,
+                intensity,
+                visible,
+            },
+            LightType::Disk => {
+                Self::Disk { position: position()?, direction: direction()?, radius, color, intensity, visible }
+            }
+            LightType::Sphere => Self::Sphere { position: position()?, radius, color, intensity, visible },
             LightType::Ambient => Self::Ambient { color, intensity },
         })
     }
@@ -122,14 +225,20 @@ impl TryFrom<LightFields> for LightParams {
 impl LightFields {
     /// Refuses fields that this kind of light does not have.
     fn check_applicable(&self) -> Result<(), String> {
-        use LightType::{Directional, Point, Spot};
-        let fields: [(&str, bool, &[LightType]); 6] = [
-            ("position", self.position.is_some(), &[Point, Spot]),
-            ("direction", self.direction.is_some(), &[Spot, Directional]),
+        use LightType::{Directional, Disk, Point, Rect, Sphere, Spot};
+        let fields: [(&str, bool, &[LightType]); 12] = [
+            ("position", self.position.is_some(), &[Point, Spot, Rect, Disk, Sphere]),
+            ("direction", self.direction.is_some(), &[Spot, Directional, Rect, Disk]),
             ("range", self.range.is_some(), &[Point, Spot]),
             ("inner_cone_degrees", self.inner_cone_degrees.is_some(), &[Spot]),
             ("outer_cone_degrees", self.outer_cone_degrees.is_some(), &[Spot]),
             ("falloff", self.falloff.is_some(), &[Spot]),
+            ("angular_diameter_degrees", self.angular_diameter_degrees.is_some(), &[Directional]),
+            ("up", self.up.is_some(), &[Rect]),
+            ("width", self.width.is_some(), &[Rect]),
+            ("height", self.height.is_some(), &[Rect]),
+            ("radius", self.radius.is_some(), &[Disk, Sphere]),
+            ("visible", self.visible.is_some(), &[Directional, Rect, Disk, Sphere]),
         ];
         for (name, given, kinds) in fields {
             if given && !kinds.contains(&self.r#type) {

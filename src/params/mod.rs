@@ -210,6 +210,10 @@ pub struct CameraParams {
     pub yfov_degrees: Option<f64>,
     /// Radius of the thin lens in scene units; 0 is a pinhole.
     pub aperture_radius: f64,
+    /// Sides of the lens' opening, a regular polygon in the circle of that radius; 0: round.
+    pub blades: u32,
+    /// Turn of the polygon, whose first corner else points up, counter-clockwise as the camera sees.
+    pub blade_rotation_degrees: f64,
     /// Distance of the plane in focus along the view axis; none: the distance to the target.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focus_distance: Option<f64>,
@@ -226,6 +230,8 @@ impl Default for CameraParams {
             up: [0.0, 1.0, 0.0],
             yfov_degrees: None,
             aperture_radius: 0.0,
+            blades: 0,
+            blade_rotation_degrees: 0.0,
             focus_distance: None,
         }
     }

@@ -7,9 +7,22 @@ use super::{
     OrbitParams, OutputParams, RenderParams,
 };
 use glam::DVec3;
+use std::ops::RangeInclusive;
 
 /// Exposures beyond this many stops leave the range of f32.
 const MAX_STOPS: f32 = 64.0;
+
+/// Most lights that rays look for one by one.
+const MAX_EXTENDED_LIGHTS: usize = 64;
+
+/// Sides of a lens that is not round.
+const BLADES: RangeInclusive<u32> = 3..=64;
+
+/// Angular diameters of suns in degrees. Directions in f32 do not resolve smaller ones.
+const SUNS: RangeInclusive<f32> = 0.01..=180.0;
+
+/// Sizes of lights in scene units, whose squares f32 holds.
+const EXTENTS: RangeInclusive<f32> = 1e-6..=1e9;
 
 /// Widest reconstruction filter, half width in pixels.
 const MAX_FILTER_RADIUS: f32 = 8.0;
@@ -95,6 +108,13 @@ impl RenderParams {
             }
             check.require(self.lights.len() <= limits.lights, "lights", || {
                 format!("at most {} lights are allowed here", limits.lights)
+            });
+            let extended = self.lights.iter().filter(|light| light.has_extent()).count();
+            check.require(extended <= MAX_EXTENDED_LIGHTS, "lights", || {
+                format!(
+                    "at most {MAX_EXTENDED_LIGHTS} may have an extent (rect, disk, sphere, angular_diameter_degrees), because each \
+                     ray looks for each of them: make the small ones points, or emitting meshes"
+                )
             });
             for (index, light) in self.lights.iter().enumerate() {
                 check.at(&format!("lights/{index}"), |check| check_light(check, light));
@@ -242,6 +262,10 @@ fn check_camera(check: &mut Check, camera: &CameraParams) {
     check.require(camera.aperture_radius >= 0.0 && camera.aperture_radius.is_finite(), "aperture_radius", || {
         "must be finite and not negative; 0 is a pinhole".to_owned()
     });
+    check.require(camera.blades == 0 || BLADES.contains(&camera.blades), "blades", || {
+        format!("must be 0 for a round lens, or lie between {} and {}", BLADES.start(), BLADES.end())
+    });
+    check.finite(&[camera.blade_rotation_degrees], "blade_rotation_degrees");
     check.positive(camera.focus_distance, "focus_distance");
 }
 
@@ -301,12 +325,40 @@ fn check_light(check: &mut Check, light: &LightParams) {
                 "must be at least 0 and below `outer_cone_degrees`".to_owned()
             });
         }
-        LightParams::Directional { direction, color, intensity } => {
+        LightParams::Directional { direction, color, intensity, angular_diameter_degrees: diameter, visible: _ } => {
             check.direction(*direction, "direction");
+            check_emission(check, color, *intensity);
+            check.require(*diameter == 0.0 || SUNS.contains(diameter), "angular_diameter_degrees", || {
+                format!("must be 0 for parallel light, or lie between {} and {}", SUNS.start(), SUNS.end())
+            });
+        }
+        LightParams::Rect { position, direction, up, width, height, color, intensity, visible: _ } => {
+            check.finite(position, "position");
+            check.direction(*direction, "direction");
+            check.direction(*up, "up");
+            check_extent(check, *width, "width");
+            check_extent(check, *height, "height");
+            check_emission(check, color, *intensity);
+        }
+        LightParams::Disk { position, direction, radius, color, intensity, visible: _ } => {
+            check.finite(position, "position");
+            check.direction(*direction, "direction");
+            check_extent(check, *radius, "radius");
+            check_emission(check, color, *intensity);
+        }
+        LightParams::Sphere { position, radius, color, intensity, visible: _ } => {
+            check.finite(position, "position");
+            check_extent(check, *radius, "radius");
             check_emission(check, color, *intensity);
         }
         LightParams::Ambient { color, intensity } => check_emission(check, color, *intensity),
     }
+}
+
+fn check_extent(check: &mut Check, value: f32, name: &str) {
+    check.require(EXTENTS.contains(&value), name, || {
+        format!("must lie between {:e} and {:e} scene units", EXTENTS.start(), EXTENTS.end())
+    });
 }
 
 fn check_emission(check: &mut Check, color: &[f32; 3], intensity: f32) {
@@ -374,6 +426,8 @@ pub(super) mod tests {
             (r#"{"yfov_degrees": 0}"#, "/yfov_degrees"),
             (r#"{"aperture_radius": -1}"#, "/aperture_radius"),
             (r#"{"focus_distance": 0}"#, "/focus_distance"),
+            (r#"{"blades": 2}"#, "/blades"),
+            (r#"{"blades": 65}"#, "/blades"),
         ] {
             assert_eq!(faults(&format!(r#"{{"camera": {camera}}}"#)), [format!("/params/camera{field}")], "{camera}");
         }
@@ -403,6 +457,14 @@ pub(super) mod tests {
             (r#"{"type": "ambient", "intensity": -1}"#, "/intensity"),
             (r#"{"type": "ambient", "intensity": 1e30, "color": [1e20, 0, 0]}"#, "/intensity"),
             (r#"{"type": "directional", "direction": [0, 0, 0]}"#, "/direction"),
+            (
+                r#"{"type": "directional", "direction": [0, -1, 0], "angular_diameter_degrees": 181}"#,
+                "/angular_diameter_degrees",
+            ),
+            (r#"{"type": "sphere", "position": [0, 0, 0], "radius": 0}"#, "/radius"),
+            (r#"{"type": "disk", "position": [0, 0, 0], "direction": [0, 0, 0]}"#, "/direction"),
+            (r#"{"type": "rect", "position": [0, 0, 0], "direction": [0, -1, 0], "width": -1}"#, "/width"),
+            (r#"{"type": "rect", "position": [0, 0, 0], "direction": [0, -1, 0], "up": [0, 0, 0]}"#, "/up"),
             (
                 r#"{"type": "spot", "position": [0, 0, 0], "direction": [1, 0, 0], "outer_cone_degrees": 91}"#,
                 "/outer_cone_degrees",

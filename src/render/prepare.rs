@@ -94,8 +94,8 @@ fn blackness(compiled: &CompiledScene, lighting: &Lighting, unlit: bool) -> Opti
 /// Light that no path can find: a point or a direction behind what bends light or scatters it.
 fn beyond_glass(features: &Features) -> Option<Warning> {
     let detail = "what is inside or behind a filled body (KHR_materials_volume) gets no light through it from point, spot and \
-                  directional lights, because no path that it bends can meet them: light it with an emitting mesh or an \
-                  environment; thin and smooth walls (thickness 0, roughness 0) do let such light through";
+                  directional lights, because no path that it bends can meet them: light it with an emitting mesh, a light \
+                  with an extent or an environment; thin and smooth walls (thickness 0, roughness 0) do let such light through";
     (features.punctual && features.volume).then(|| Warning {
         code: "light_behind_glass",
         pointer: "/lights".into(),

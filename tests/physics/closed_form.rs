@@ -17,6 +17,7 @@ on_both_engines! {
     closed_furnace,
     rough_metal_matches_the_formula,
     plane_under_an_hdri,
+    a_sun_of_1e5_in_an_hdri_converges,
     blend_is_coverage,
 }
 
@@ -196,6 +197,41 @@ fn plane_under_an_hdri(engine: EngineChoice) {
             "camera":{"position":[0,5,0],"target":[0,0,0],"up":[0,0,-1]}}"#,
     );
     assert_near(mean(&render(engine, lambert(work_with_hdri(&scene, &params, Some(hdri)))), 0), expected, 3e-3);
+}
+
+/// Under a picture with a sun 1e5 times as bright as its sky nothing is clamped, and nothing needs to be: the error of a matte
+/// plane's pixels falls as samples grow, none of them stands out, and their mean is the sum over the texels. So for a glossy
+/// plane, whose mean is that of many more samples.
+fn a_sun_of_1e5_in_an_hdri_converges(engine: EngineChoice) {
+    let (width, height) = (128u32, 64u32);
+    let mut texels = vec![[1.0f32; 3]; (width * height) as usize];
+    texels[(15 * width + 40) as usize] = [1e5; 3];
+    let expected = 0.6 / PI * irradiance(width, height, |i, j| f64::from(texels[(j * width + i) as usize][0]));
+    let hdri = Arc::new(Hdri::new(width, height, texels));
+    let picture = |roughness: f32, samples: u32| {
+        let scene = scene(vec![(square(10.0), grey(0.6, roughness, 0.0), DAffine3::IDENTITY)]);
+        let params = params(&format!(
+            r#"{{"max_bounces":1,"max_samples":{samples},"adaptive":false,"width":16,"height":16,"environment":{{"hdri":"x"}},
+                "camera":{{"position":[0,5,0],"target":[0,0,0],"up":[0,0,-1],"yfov_degrees":0.1}}}}"#
+        ));
+        let work = work_with_hdri(&scene, &params, Some(Arc::clone(&hdri)));
+        render(engine, if roughness == 1.0 { lambert(work) } else { work })
+    };
+    let error = |roughness: f32, samples: u32, truth: f64| {
+        let off = picture(roughness, samples).pixels.iter().map(|p| f64::from(p[0]) / truth - 1.0).collect::<Vec<_>>();
+        let rms = (off.iter().map(|x| x * x).sum::<f64>() / off.len() as f64).sqrt();
+        (rms, off.into_iter().fold(0.0, |worst: f64, x| worst.max(x.abs())))
+    };
+    let glossy = mean(&picture(0.3, 4096), 0);
+    for (roughness, truth) in [(1.0, expected), (0.3, glossy)] {
+        let ((few, _), (many, worst)) = (error(roughness, 64, truth), error(roughness, 1024, truth));
+        eprintln!(
+            "{engine:?}, roughness {roughness}: error {few:.1e} at 64 samples, {many:.1e} at 1024, worst pixel {worst:.1e}"
+        );
+        assert!(many < few / 3.0, "the error falls from {few} to {many} with sixteen times the samples");
+        assert!(worst < 6.0 * many, "a pixel is off by {worst}, most by {many}");
+        assert_near(mean(&picture(roughness, 1024), 0), truth, 2e-3);
+    }
 }
 
 /// Irradiance on a horizontal plane of an equirectangular picture, bilinear between texel centres.

@@ -88,6 +88,13 @@ pub fn work_with_maps(scene: &Scene, params: &RenderParams, maps: &MapFiles) -> 
     compiled(scene, params, maps, None)
 }
 
+/// The same, emitters being picked by power alone however many they are.
+pub fn work_without_tree(scene: &Scene, params: &RenderParams) -> Work {
+    let mut compiled = compile::compile_request(scene, params, &MapFiles::new()).expect("a scene that compiles");
+    compiled.light_tree = compile::LightTree::default();
+    prepare(scene, Arc::new(compiled), params, None).expect("parameters that fit the scene").work
+}
+
 fn compiled(scene: &Scene, params: &RenderParams, maps: &MapFiles, hdri: Option<Arc<Hdri>>) -> Work {
     let compiled = Arc::new(compile::compile_request(scene, params, maps).expect("a scene that compiles"));
     prepare(scene, compiled, params, hdri).expect("parameters that fit the scene").work

@@ -9,6 +9,11 @@ const FREE = "free";
 /** Largest aperture of the slider, as a part of the scene's radius. */
 const WIDEST = 0.1;
 
+const OPENINGS = [
+  ["0", "Round"],
+  ...[5, 6, 7, 8, 9].map((blades) => [String(blades), `${blades} blades`]),
+];
+
 const HELP =
   "Drag turns, Shift or the right button pans, the wheel zooms. Touch: one finger turns, two pan and pinch. " +
   "Keys: arrows, Shift + arrows, + and −; 0 shows all.";
@@ -18,7 +23,7 @@ export class CameraPanel {
    * What is shown: camera `index` of the file, or the free `orbit` if that is null; the orbit is then where a hand goes
    * on from.
    */
-  camera = { index: null, orbit: null, aperture_radius: 0, focus_distance: null };
+  camera = { index: null, orbit: null, aperture_radius: 0, blades: 0, focus_distance: null };
 
   /** `onChange(live)`; `onFrame()` asks for the whole scene in the picture. */
   constructor(element, onChange, onFrame) {
@@ -31,7 +36,7 @@ export class CameraPanel {
   /** Begins with a scene's first camera, or with `framing` if it has none. */
   open(scene, framing) {
     this.scene = scene;
-    this.camera = { index: null, orbit: framing, aperture_radius: 0, focus_distance: null };
+    this.camera = { index: null, orbit: framing, aperture_radius: 0, blades: 0, focus_distance: null };
     const named = scene.cameras.map(({ name }, i) => [String(i), name ?? `Camera ${i + 1}`]);
     const options = [...named, [FREE, "Free orbit"]];
     this.view = new SelectField("View", { value: FREE, options }, (value) =>
@@ -45,10 +50,13 @@ export class CameraPanel {
     const aperture = new SliderField("Aperture", { value: 0, min: 0, max: widest }, (radius, live) =>
       this.#change({ aperture_radius: radius }, live),
     );
+    const shape = new SelectField("Opening", { value: "0", options: OPENINGS }, (blades) =>
+      this.#change({ blades: Number(blades) }, false),
+    );
     const focus = new NumberField("Focus at", { value: null, min: 1e-6, placeholder: "target" }, (distance, live) =>
       this.#change({ focus_distance: distance }, live),
     );
-    this.fields.replaceChildren(...[this.view, this.fov, aperture, focus].map(({ element }) => element));
+    this.fields.replaceChildren(...[this.view, this.fov, aperture, shape, focus].map(({ element }) => element));
     if (scene.cameras.length > 0) Object.assign(this.camera, this.#placed(0));
     this.#reflect();
   }

@@ -17,13 +17,22 @@ const KINDS = [
   ["point", "Point"],
   ["spot", "Spot"],
   ["directional", "Directional"],
+  ["rect", "Rectangle"],
+  ["disk", "Disk"],
+  ["sphere", "Ball"],
   ["ambient", "Ambient"],
 ];
-const UNITS = { point: "cd", spot: "cd", directional: "lx", ambient: "cd/m²" };
+const UNITS = { point: "cd", spot: "cd", directional: "lx", rect: "cd/m²", disk: "cd/m²", sphere: "cd/m²", ambient: "cd/m²" };
 const FALLOFFS = [
   ["gltf", "glTF (squared)"],
   ["linear", "Linear in angle"],
 ];
+
+/** Kinds that shine from a place to a side. */
+const AIMED = ["spot", "rect", "disk"];
+
+/** Degrees below which a sun is a point. */
+const SMALLEST_SUN = 0.01;
 
 /** Sliders reach this factor above and below a kind's usual intensity. */
 const REACH = 64;
@@ -84,13 +93,24 @@ export class LightCard {
       range: () => new NumberField("Range", { value: light.range, min: 1e-6, placeholder: "infinite" }, set("range")),
       inner_cone_degrees: () => this.#cone("Inner cone", "inner_cone_degrees", 0),
       outer_cone_degrees: () => this.#cone("Outer cone", "outer_cone_degrees", 0.1),
+      angular_diameter_degrees: () =>
+        new SliderField(
+          "Diameter",
+          { value: light.angular_diameter_degrees, min: 0, max: 30, lowest: 0, highest: 180, unit: "°" },
+          (value, live) => set("angular_diameter_degrees")(value < SMALLEST_SUN ? 0 : value, live),
+        ),
+      up: () => new VectorField("Up", { value: light.up }, set("up")),
+      width: () => new NumberField("Width", { value: light.width, min: 1e-6 }, set("width")),
+      height: () => new NumberField("Height", { value: light.height, min: 1e-6 }, set("height")),
+      radius: () => new NumberField("Radius", { value: light.radius, min: 1e-6 }, set("radius")),
+      visible: () => new CheckField("In the picture", { value: light.visible }, set("visible")),
       falloff: () => new SelectField("Edge", { value: light.falloff, options: FALLOFFS }, set("falloff")),
     };
     const kind = new SelectField("Kind", { value: light.type, options: KINDS }, (type) => this.#changeKind(type));
     this.fields = Object.fromEntries(lightFields(light.type).map((name) => [name, makers[name]()]));
     const aim = el("button", { type: "button", onclick: () => this.#aim() }, "Aim at the middle");
     const rows = Object.values(this.fields).map(({ element }) => element);
-    this.body.replaceChildren(kind.element, ...rows, ...(light.type === "spot" ? [aim] : []));
+    this.body.replaceChildren(kind.element, ...rows, ...(AIMED.includes(light.type) ? [aim] : []));
   }
 
   #aim() {

@@ -9,6 +9,9 @@ import { boundingSphere } from "../math/orbit.js";
 /** Where a new light stands, seen from the scene's centre: above, to the right, in front. */
 const ABOVE = [0.5, 0.8, 0.6];
 
+/** Radius of a new light with an extent, as a part of the scene's. */
+const SIZE = 0.25;
+
 export class LightList {
   /** `onChange(sceneLights, live)`. */
   constructor(element, onChange) {
@@ -38,7 +41,10 @@ export class LightList {
   /** About what lights a white surface at the scene's centre fully. */
   #usual(type) {
     const near = tidy(Math.PI * (this.sphere.radius * 2) ** 2, 3);
-    return { point: near, spot: near, directional: 3.14, ambient: 0.5 }[type];
+    // Radiance of what is a part of its distance wide.
+    const wide = tidy((2 / SIZE) ** 2, 3);
+    const ball = { disk: wide, sphere: wide, rect: tidy(Math.PI * (1 / SIZE) ** 2, 3) };
+    return { point: near, spot: near, directional: 3.14, ambient: 0.5, ...ball }[type];
   }
 
   #add() {
@@ -54,6 +60,12 @@ export class LightList {
       inner_cone_degrees: 15,
       outer_cone_degrees: 30,
       falloff: "gltf",
+      angular_diameter_degrees: 0,
+      up: [0, 1, 0],
+      width: tidy(2 * SIZE * this.sphere.radius, 3),
+      height: tidy(2 * SIZE * this.sphere.radius, 3),
+      radius: tidy(SIZE * this.sphere.radius, 3),
+      visible: true,
     });
     this.#draw();
     this.list.lastElementChild.querySelector("select").focus();

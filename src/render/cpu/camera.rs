@@ -2,11 +2,11 @@
 
 use super::bvh::{Ray, TriangleId};
 use super::sampler::{Dimension, Sampler};
-use super::sampling::concentric_disk;
+use super::sampling::{concentric_disk, uniform_triangle};
 use crate::compile::{Lens, View};
 use crate::params::FilterKind;
 use glam::{DAffine3, DMat3, DVec2, DVec3};
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 /// Steps of a filter's tabulated inverse distribution function.
 const STEPS: usize = 1024;
@@ -43,10 +43,11 @@ impl Camera {
         let plane = (2.0 * raster - self.size) / self.size.y * DVec2::new(1.0, -1.0);
         let (origin, direction) = match self.lens {
             Lens::Orthographic { ymag } => ((plane * f64::from(ymag)).extend(0.0), DVec3::NEG_Z),
-            Lens::Perspective { tan_half_yfov, aperture_radius, focus_distance } => {
+            Lens::Perspective { tan_half_yfov, aperture_radius, blades, blade_rotation, focus_distance } => {
                 let direction = (plane * f64::from(tan_half_yfov)).extend(-1.0);
                 if aperture_radius > 0.0 {
-                    let lens = concentric_disk(sampler.pair(Dimension::Lens)) * f64::from(aperture_radius);
+                    let lens =
+                        opening(blades, blade_rotation, sampler.pair(Dimension::Lens)) * f64::from(aperture_radius);
                     (lens.extend(0.0), direction * f64::from(focus_distance) - lens.extend(0.0))
                 } else {
                     (DVec3::ZERO, direction)
@@ -68,6 +69,18 @@ impl Camera {
         let (low, high) = (self.filter[step], self.filter[step + 1]);
         low + (high - low) * (place - step as f64)
     }
+}
+
+/// A point of the unit disk, or of a regular polygon in it whose first corner is at an angle.
+fn opening(blades: u32, rotation: f32, u: [f64; 2]) -> DVec2 {
+    if blades == 0 {
+        return concentric_disk(u);
+    }
+    let place = u[0] * f64::from(blades);
+    let side = place.floor();
+    let corner = |index: f64| DVec2::from_angle(f64::from(rotation) + TAU * index / f64::from(blades));
+    let weights = uniform_triangle([u[1], place - side]);
+    weights.y * corner(side) + weights.z * corner(side + 1.0)
 }
 
 /// Inverse of the filter's distribution function at [`STEPS`] + 1 equal steps, in -1..=1.

@@ -4,15 +4,15 @@ use super::bvh::{Bvh, Hit, Ray, TriangleId};
 use super::camera::Camera;
 use super::environment;
 use super::layers::{self, Crossing, Layered, Media, Reflection, media};
-use super::light::{self, LightSample, LightSampler};
+use super::light::{self, LightSampler};
+use super::light_tree::Receiver;
 use super::material::{Bsdf, Model};
 use super::phong::Phong;
 use super::sampler::{Dimension, Sampler};
-use super::sampling::power_heuristic;
 use super::surface::{Surface, coverage};
-use crate::compile::{ANY_FACING, EnvironmentKind, Extended, Features, Hdri, Material};
+use crate::compile::{ANY_FACING, Extended, Material};
 use crate::params::Mode;
-use crate::render::{Strategy, Work};
+use crate::render::Work;
 use glam::{DMat3, DVec3, DVec4};
 
 /// Scattering events before a path may end by chance.
@@ -29,40 +29,46 @@ const DISPERSION: u64 = 0x6469_7370;
 /// Everything that a path reads.
 #[derive(Debug)]
 pub struct Integrator {
-    work: Work,
+    pub(super) work: Work,
     bvh: std::sync::Arc<Bvh>,
     camera: Camera,
-    lights: LightSampler,
+    pub(super) lights: LightSampler,
     model: Model,
 }
 
 /// A point where light is scattered, seen from where the path came.
-struct Vertex<'a> {
-    surface: &'a Surface<'a>,
-    bsdf: Reflection,
+pub(super) struct Vertex<'a> {
+    pub surface: &'a Surface<'a>,
+    pub bsdf: Reflection,
     /// From the shading frame to the world.
     frame: DMat3,
     /// The surface of a filled mesh.
     crossing: Option<Crossing>,
     /// What the path is in.
     media: Media,
-    bounce: u32,
+    pub bounce: u32,
 }
 
 /// A path under way.
-struct Path {
-    ray: Ray,
+pub(super) struct Path {
+    pub ray: Ray,
     throughput: DVec3,
     radiance: DVec3,
-    bounce: u32,
+    pub bounce: u32,
     /// Density of the ray's direction over solid angle; none: no light sample could have found it.
-    pdf: Option<f64>,
-    /// Facing of the surface where it was drawn.
+    pub pdf: Option<f64>,
+    /// Where that direction was drawn, and light samples were taken too.
+    pub drawn_at: Receiver,
+    /// Facing of the surface there.
     facing: usize,
-    /// Way from where that direction was drawn, past walls that a shadow ray passes too, to where the ray begins.
-    passed: f64,
+    /// Way from there, past walls that a shadow ray passes too, to where the ray begins.
+    pub passed: f64,
     /// What the ray is in.
-    media: Media,
+    pub media: Media,
+    /// The camera sees a surface.
+    seen: bool,
+    /// The camera sees a light.
+    lit: bool,
     /// Colour that is followed from the first dispersion on: place in the visible range.
     wavelength: Option<f64>,
 }
@@ -78,7 +84,7 @@ impl Integrator {
     /// Of a picture.
     pub fn new(work: Work, bvh: std::sync::Arc<Bvh>) -> Self {
         let model = Model { specular: work.features.specular, multiple_scattering: work.settings.multiple_scattering };
-        Self { camera: Camera::new(&work.view), lights: LightSampler::new(&work.lighting), model, bvh, work }
+        Self { camera: Camera::new(&work.view), lights: LightSampler::new(&work), model, bvh, work }
     }
 
     /// Radiance (premultiplied) and coverage of one sample of a pixel.
@@ -90,39 +96,47 @@ impl Integrator {
             radiance: DVec3::ZERO,
             bounce: 0,
             pdf: None,
+            drawn_at: Receiver { position: ray.origin, normal: ray.direction },
             facing: ANY_FACING,
             passed: 0.0,
             media: Media::default(),
+            seen: false,
+            lit: false,
             wavelength: None,
         };
-        let coverage = self.follow(&mut path, sampler);
+        self.follow(&mut path, sampler);
         let view = &self.work.view;
-        if !coverage && !view.transparent && self.work.lighting.environment.visible {
+        if !path.seen && !view.transparent && self.work.lighting.environment.visible {
             path.radiance += environment::radiance(&self.work.lighting.environment, path.ray.direction);
         }
-        path.radiance.extend(f64::from(u8::from(coverage || !view.transparent)))
+        path.radiance.extend(f64::from(u8::from(path.seen || path.lit || !view.transparent)))
     }
 
-    /// From the camera to the path's end; whether the camera sees a surface.
-    fn follow(&self, path: &mut Path, sampler: &Sampler) -> bool {
-        let mut seen = false;
-        while let Some(hit) = self.closest(path, sampler) {
+    /// From the camera to the path's end.
+    fn follow(&self, path: &mut Path, sampler: &Sampler) {
+        loop {
+            let hit = self.closest(path, sampler);
+            if self.work.features.extended_lights {
+                let met = self.extended_light(path, hit.as_ref().map_or(f64::INFINITY, |hit| hit.t));
+                path.radiance += path.throughput * met;
+                path.lit |= met != DVec3::ZERO;
+            }
+            let Some(hit) = hit else { break };
             let surface = Surface::new(&self.work.scene, &hit, path.ray.direction);
-            if !seen && surface.back && surface.material.flags & (Material::DOUBLE_SIDED | Material::FILLED) == 0 {
+            if !path.seen && surface.back && surface.material.flags & (Material::DOUBLE_SIDED | Material::FILLED) == 0 {
                 // The camera does not see the backs of one-sided surfaces (glTF 2.0, 3.9.6).
                 path.ray.origin = surface.leave(path.ray.direction);
                 path.ray.ends[0] = surface.primitive;
                 continue;
             }
-            seen = true;
+            path.seen = true;
             if !self.interact(path, &surface, &hit, sampler) {
-                return true;
+                return;
             }
         }
-        if seen {
+        if path.seen {
             path.radiance += path.throughput * self.distant(path);
         }
-        seen
     }
 
     /// Takes up the light that a surface sends along the path, and turns the path to where it goes on; false: it ends.
@@ -211,7 +225,10 @@ impl Integrator {
         path.throughput *= scattered.weight;
         match &vertex.bsdf {
             Reflection::Layered(layered) if layered.is_straight(scattered.wi) => path.passed += distance,
-            _ => (path.pdf, path.passed, path.facing) = (scattered.pdf, 0.0, self.facing(vertex)),
+            _ => {
+                (path.pdf, path.passed, path.facing) = (scattered.pdf, 0.0, self.facing(vertex));
+                path.drawn_at = Receiver::of(vertex.surface);
+            }
         }
         if let Some(crossing) = vertex.crossing.as_ref().filter(|_| scattered.wi.z < 0.0) {
             path.media = crossing.beyond;
@@ -235,14 +252,10 @@ impl Integrator {
         let radiance = surface.emitted(path.ray.direction);
         let (Some(pdf), Mode::Path) = (path.pdf, self.work.settings.mode) else { return radiance };
         let lighting = &self.work.lighting;
-        let index = lighting.lights.len() + emitter;
-        let probability = self.lights.probability(lighting, index) * (1.0 - self.environment_share());
+        let probability = self.lights.of_emitter(emitter, &path.drawn_at) * (1.0 - self.environment_share());
         let (cosine, distance) = (path.ray.direction.dot(surface.geometric_normal), path.passed + hit.t);
-        radiance
-            * self.scattered_weight(
-                pdf,
-                light::emitter_pdf(&lighting.picks[index], probability, distance * distance, cosine),
-            )
+        let pick = &lighting.picks[lighting.lights.len() + emitter];
+        radiance * self.scattered_weight(pdf, light::emitter_pdf(pick, probability, distance * distance, cosine))
     }
 
     /// Light from infinity that a scattered path has come upon.
@@ -320,86 +333,6 @@ impl Integrator {
         let Some(extended) = extended.filter(|_| self.model.specular) else { return DVec3::ZERO };
         let frame = layers::frame(surface, Some(extended));
         Layered::new(surface, extended, self.model, &frame, frame.transpose() * -direction, None, None).straight()
-    }
-
-    /// Weight of sampled light that a scattered ray can find too.
-    fn sampled_weight(&self, taken: f64, other: f64) -> f64 {
-        let Strategy { light_samples, scattered_light, .. } = self.work.settings.strategy;
-        if light_samples && scattered_light {
-            power_heuristic(taken, other)
-        } else {
-            f64::from(u8::from(light_samples))
-        }
-    }
-
-    /// Weight of light that a scattered ray has found, and a sample could have.
-    fn scattered_weight(&self, taken: f64, other: f64) -> f64 {
-        let Strategy { light_samples, scattered_light, .. } = self.work.settings.strategy;
-        if light_samples && scattered_light {
-            power_heuristic(taken, other)
-        } else {
-            f64::from(u8::from(scattered_light))
-        }
-    }
-
-    fn light_sample(&self, vertex: &Vertex, sampler: &Sampler) -> Option<LightSample> {
-        let share = self.environment_share();
-        if self.lights.is_empty() && share == 0.0 {
-            return None;
-        }
-        // A lamp that is alone is not chosen.
-        let chosen = share > 0.0 || self.work.lighting.picks.len() > 1;
-        let [strategy, pick] = if chosen { sampler.pair(Dimension::Pick(vertex.bounce)) } else { [0.0; 2] };
-        let u = sampler.pair(Dimension::Light(vertex.bounce));
-        if let Some(hdri) = self.sampled_picture().filter(|_| strategy < share) {
-            return Some(self.picture_sample(hdri, vertex, share, u));
-        }
-        let lighting = &self.work.lighting;
-        let index = self.lights.pick(pick);
-        let probability = self.lights.probability(lighting, index) * (1.0 - share);
-        let pick = &lighting.picks[index];
-        Some(if index < lighting.lights.len() {
-            let light = light::from_punctual(&lighting.lights[pick.index as usize], vertex.surface);
-            LightSample { weight: light.weight / probability, ..light }
-        } else {
-            light::from_emitter(&self.work.scene, pick, probability, vertex.surface, u)
-        })
-    }
-
-    fn picture_sample(&self, hdri: &Hdri, vertex: &Vertex, share: f64, u: [f64; 2]) -> LightSample {
-        let environment = &self.work.lighting.environment;
-        let sky = environment::sample(hdri, environment.rotation, self.facing(vertex), u);
-        let pdf = sky.pdf * share;
-        LightSample {
-            origin: vertex.surface.leave(sky.direction),
-            direction: sky.direction,
-            t_max: f64::INFINITY,
-            end: TriangleId::NONE,
-            weight: environment::radiance(environment, sky.direction) / pdf,
-            pdf: Some(pdf),
-        }
-    }
-
-    /// By which table directions of the picture are drawn at a vertex.
-    fn facing(&self, vertex: &Vertex) -> usize {
-        let Features { transmission, diffuse_transmission, .. } = self.work.features;
-        let both_sides = (transmission || diffuse_transmission) && !vertex.bsdf.is_opaque();
-        if both_sides || self.sampled_picture().is_none() {
-            return ANY_FACING;
-        }
-        environment::facing(self.work.lighting.environment.rotation, vertex.surface.shading_normal)
-    }
-
-    /// Part of the light samples that go to the environment: only a picture is worth any.
-    fn environment_share(&self) -> f64 {
-        f64::from(self.work.lighting.environment_probability)
-    }
-
-    fn sampled_picture(&self) -> Option<&Hdri> {
-        match &self.work.lighting.environment.kind {
-            EnvironmentKind::Hdri(hdri) if self.work.settings.mode == Mode::Path => Some(hdri),
-            _ => None,
-        }
     }
 
     fn closest(&self, path: &Path, sampler: &Sampler) -> Option<Hit> {

@@ -1,10 +1,15 @@
-//! Lights that are sampled one at a time: punctual ones and emitting triangles.
+//! Lights that are sampled one at a time: punctual ones, those with an extent, and emitting triangles.
 
 use super::bvh::TriangleId;
+use super::extended_light::Shape;
+use super::light_tree::{Receiver, Tree};
 use super::sampling::uniform_triangle;
 use super::surface::{Place, Surface, emitted_at, material};
 use crate::compile::{CompiledScene, LightPick, Lighting, Material, PunctualKind, PunctualLight};
+use crate::render::Work;
 use glam::DVec3;
+use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// Light that arrives at a point, unless something is in the way.
 #[derive(Debug, Clone, Copy)]
@@ -23,42 +28,88 @@ pub struct LightSample {
     pub pdf: Option<f64>,
 }
 
-/// Picks lights by their probabilities.
+/// A light that has been chosen.
+#[derive(Debug, Clone, Copy)]
+pub struct Picked {
+    /// Into `Lighting::picks`.
+    pub index: usize,
+    /// Of it having been chosen.
+    pub probability: f64,
+}
+
+/// Picks lights: emitters by their tree, if there is one, all others by their flux.
 #[derive(Debug)]
 pub struct LightSampler {
-    /// Probability of each entry of `Lighting::picks` or one before it.
+    scene: Arc<CompiledScene>,
+    lighting: Arc<Lighting>,
+    /// Probability of each entry of the table or one before it.
     cumulative: Vec<f64>,
     /// Of all before rounding.
     total: f64,
     inverse_total: f64,
+    /// Of the tree.
+    share: f64,
+    both_sides: bool,
 }
 
 impl LightSampler {
     /// Over all lights of a request.
-    pub fn new(lighting: &Lighting) -> Self {
+    pub fn new(work: &Work) -> Self {
         let mut total = 0.0;
-        let cumulative = (lighting.picks.iter())
+        let cumulative = (work.lighting.table().iter())
             .map(|pick| {
                 total += f64::from(pick.probability);
                 total
             })
             .collect();
-        Self { cumulative, total, inverse_total: total.recip() }
+        Self {
+            scene: Arc::clone(&work.scene),
+            lighting: Arc::clone(&work.lighting),
+            cumulative,
+            total,
+            inverse_total: total.recip(),
+            share: f64::from(work.lighting.tree_probability),
+            both_sides: work.features.transmission || work.features.diffuse_transmission,
+        }
     }
 
     /// Whether there are any.
     pub fn is_empty(&self) -> bool {
-        self.cumulative.is_empty()
+        self.lighting.picks.is_empty()
     }
 
-    /// Index of a light.
-    pub fn pick(&self, u: f64) -> usize {
-        self.cumulative.partition_point(|&sum| sum <= u * self.total).min(self.cumulative.len() - 1)
+    /// A light for a place; none: those that were looked among do not reach it.
+    pub fn pick(&self, receiver: &Receiver, u: f64) -> Option<Picked> {
+        if u < self.share {
+            let (emitter, probability) = self.tree().sample(receiver, u / self.share)?;
+            return Some(Picked { index: self.lighting.lights.len() + emitter, probability: probability * self.share });
+        }
+        let u = (u - self.share) / (1.0 - self.share);
+        let last = self.cumulative.len().checked_sub(1)?;
+        let index = self.cumulative.partition_point(|&sum| sum <= u * self.total).min(last);
+        Some(Picked { index, probability: self.in_table(index) })
     }
 
-    /// Probability of a light.
-    pub fn probability(&self, lighting: &Lighting, index: usize) -> f64 {
-        f64::from(lighting.picks[index].probability) * self.inverse_total
+    /// Probability of picking one of the lights.
+    pub fn of_light(&self, index: usize) -> f64 {
+        self.in_table(index)
+    }
+
+    /// Probability of picking an emitter.
+    pub fn of_emitter(&self, emitter: usize, receiver: &Receiver) -> f64 {
+        let index = self.lighting.lights.len() + emitter;
+        if self.share == 0.0 {
+            return self.in_table(index);
+        }
+        self.share * self.tree().probability(receiver, self.lighting.picks[index].trail)
+    }
+
+    fn in_table(&self, index: usize) -> f64 {
+        f64::from(self.lighting.picks[index].probability) * self.inverse_total * (1.0 - self.share)
+    }
+
+    fn tree(&self) -> Tree<'_> {
+        Tree { nodes: &self.scene.light_tree.nodes, both_sides: self.both_sides }
     }
 }
 
@@ -91,6 +142,30 @@ pub fn from_punctual(light: &PunctualLight, surface: &Surface) -> LightSample {
         weight: intensity * part / distance2,
         end: TriangleId::NONE,
         pdf: None,
+    }
+}
+
+/// Light from a place on a light with an extent; `probability` is that of the light. None: it does not shine here.
+pub fn from_extended(light: &PunctualLight, probability: f64, surface: &Surface, u: [f64; 2]) -> Option<LightSample> {
+    let found = Shape::new(light).sample(surface.position, u)?;
+    let pdf = found.pdf * probability;
+    Some(LightSample {
+        origin: surface.leave(found.direction),
+        direction: found.direction,
+        t_max: found.distance,
+        weight: radiance(light) / pdf,
+        end: TriangleId::NONE,
+        pdf: Some(pdf),
+    })
+}
+
+/// Of a light with an extent.
+pub fn radiance(light: &PunctualLight) -> DVec3 {
+    let intensity = DVec3::from(light.intensity.map(f64::from));
+    match Shape::new(light) {
+        // Lux over pi sin^2.
+        Shape::Sun { versine, .. } => intensity / (PI * versine * (2.0 - versine)),
+        Shape::Sphere { .. } | Shape::Disk { .. } | Shape::Rect(_) => intensity,
     }
 }
 
@@ -142,6 +217,7 @@ fn cone(light: &PunctualLight, cosine: f64) -> f64 {
         kind if kind == PunctualKind::SpotLinear as u32 => {
             ((outer - cosine.clamp(-1.0, 1.0).acos()) / (outer - inner).max(1e-7)).clamp(0.0, 1.0)
         }
+        kind if kind == PunctualKind::Cosine as u32 => cosine.max(0.0),
         _ => 1.0,
     }
 }

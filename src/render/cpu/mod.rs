@@ -7,9 +7,12 @@
 pub mod bvh;
 pub mod camera;
 pub mod environment;
+pub mod extended_light;
 pub mod integrator;
 pub mod layers;
 pub mod light;
+mod light_choice;
+pub mod light_tree;
 pub mod material;
 mod phong;
 mod relief;

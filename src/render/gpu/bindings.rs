@@ -40,6 +40,7 @@ impl Bindings<'_> {
             wgpu::BindingResource::TextureView(self.work),
             wgpu::BindingResource::TextureView(self.film),
             wgpu::BindingResource::TextureView(&self.environment.tiles),
+            wgpu::BindingResource::TextureView(&self.scene.light_nodes),
         ];
         let mut binding = 0;
         let entries = resources.map(|resource| {
@@ -52,7 +53,7 @@ impl Bindings<'_> {
 }
 
 /// Types of what a kernel reads and writes.
-pub fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 18] {
+pub fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 19] {
     let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
     let uniform = buffer(wgpu::BufferBindingType::Uniform);
     let read = buffer(wgpu::BufferBindingType::Storage { read_only: true });
@@ -72,7 +73,7 @@ pub fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 18] {
     let film = stored(wgpu::StorageTextureAccess::WriteOnly, wgpu::TextureFormat::Rgba32Float);
     let types = [
         uniform, uniform, records, records, read, records, read, read, read, write, pages, pages, table, table, table,
-        list, film, table,
+        list, film, table, list,
     ];
     let mut binding = 0;
     types.map(|ty| {

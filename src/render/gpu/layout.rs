@@ -37,7 +37,7 @@ pub struct Frame {
     pub extended: u32,
     pub detail: u32,
     pub phong_specular: f32,
-    pub pad: u32,
+    pub tree_probability: f32,
     pub environment_top: [f32; 3],
     pub environment_intensity: f32,
     pub environment_horizon: [f32; 3],
@@ -46,6 +46,10 @@ pub struct Frame {
     pub environment_sin: f32,
     pub ambient: [f32; 3],
     pub environment_visible: u32,
+    pub extended_lights: u32,
+    pub blades: u32,
+    pub blade_rotation: f32,
+    pub pad: u32,
     pub filter_table: [f32; FILTER_STEPS],
 }
 
@@ -76,7 +80,8 @@ impl Frame {
         self.camera = std::array::from_fn(|i| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]]);
         (self.width, self.height) = (view.width, view.height);
         match view.lens {
-            Lens::Perspective { tan_half_yfov, aperture_radius, focus_distance } => {
+            Lens::Perspective { tan_half_yfov, aperture_radius, blades, blade_rotation, focus_distance } => {
+                (self.blades, self.blade_rotation) = (blades, blade_rotation);
                 self.tan_half_yfov = tan_half_yfov;
                 self.aperture_radius = aperture_radius;
                 self.focus_distance = focus_distance;
@@ -108,7 +113,9 @@ impl Frame {
     fn set_lighting(&mut self, lighting: &Lighting) {
         let environment = &lighting.environment;
         self.light_count = lighting.lights.len() as u32;
-        self.pick_count = lighting.picks.len() as u32;
+        self.pick_count = lighting.table().len() as u32;
+        self.tree_probability = lighting.tree_probability;
+        self.extended_lights = lighting.extended;
         self.environment_probability = lighting.environment_probability;
         match &environment.kind {
             EnvironmentKind::None | EnvironmentKind::Hdri(_) => {}
@@ -157,7 +164,7 @@ fn filter_table(kind: FilterKind) -> [f32; FILTER_STEPS] {
 mod tests {
     use super::*;
     use crate::compile::{
-        Detail, Extended, Instance, LightPick, Material, PunctualLight, SLOTS, Slot, TextureSlot, Triangle,
+        Detail, Extended, Instance, LightNode, LightPick, Material, PunctualLight, SLOTS, Slot, TextureSlot, Triangle,
     };
     use std::mem::offset_of;
 
@@ -222,6 +229,7 @@ mod tests {
                 extended,
                 detail,
                 phong_specular,
+                tree_probability,
                 environment_top,
                 environment_intensity,
                 environment_horizon,
@@ -230,6 +238,9 @@ mod tests {
                 environment_sin,
                 ambient,
                 environment_visible,
+                extended_lights,
+                blades,
+                blade_rotation,
                 filter_table,
             }
         );
@@ -254,8 +265,8 @@ mod tests {
                 detail,
             }
         );
-        assert_mirrors!(module, PunctualLight { position, kind, direction, range, intensity, inner, outer });
-        assert_mirrors!(module, LightPick { keep, alias = "alternative", probability, area, index, triangle });
+        assert_mirrors!(module, PunctualLight { position, kind, direction, range, intensity, inner, axis, outer });
+        assert_mirrors!(module, LightPick { keep, alias = "alternative", probability, area, index, triangle, trail });
     }
 
     #[test]
@@ -280,6 +291,14 @@ mod tests {
         assert_eq!(value("SPECULAR_GLOSSINESS"), Extended::SPECULAR_GLOSSINESS);
         assert_eq!(value("DIRECTIONAL"), crate::compile::PunctualKind::Directional as u32);
         assert_eq!(value("SPOT"), crate::compile::PunctualKind::Spot as u32);
+        assert_eq!(value("COSINE"), crate::compile::PunctualKind::Cosine as u32);
+        assert_eq!(value("SUN"), crate::compile::PunctualKind::Sun as u32);
+        assert_eq!(value("SPHERE"), crate::compile::PunctualKind::Sphere as u32);
+        assert_eq!(value("DISK"), crate::compile::PunctualKind::Disk as u32);
+        assert_eq!(value("VISIBLE_BIT"), PunctualLight::VISIBLE);
+        assert_eq!(value("TREE_LEAF"), LightNode::LEAF);
+        assert_eq!(value("TREE_TWO_SIDED"), LightNode::TWO_SIDED);
+        assert_eq!(value("TREE_INDEX"), LightNode::INDEX);
     }
 
     /// Records of extensions are read word by word.

@@ -167,7 +167,7 @@ pub(in crate::render) fn compile_module(gpu: &Gpu, wgsl: &str, stack: u32) -> wg
 }
 
 /// Values of the override constants of `shaders/lib/features.wesl`.
-pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 37] {
+pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 39] {
     let f = variant.features;
     let flag = |value: bool| f64::from(u8::from(value));
     [
@@ -196,7 +196,9 @@ pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 37
         ("SPHERES", flag(f.spheres)),
         ("DETAIL", flag(f.detail)),
         ("PUNCTUAL", flag(f.punctual)),
+        ("EXTENDED_LIGHTS", flag(f.extended_lights)),
         ("EMITTERS", flag(f.emitters)),
+        ("LIGHT_TREE", flag(f.light_tree)),
         ("THIN_LENS", flag(f.thin_lens)),
         ("ORTHOGRAPHIC", flag(f.orthographic)),
         ("ENVIRONMENT", f64::from(f.environment)),

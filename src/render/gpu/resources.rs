@@ -26,6 +26,8 @@ pub struct GpuScene {
     pub instances: wgpu::TextureView,
     /// Binding 6.
     pub materials: wgpu::Buffer,
+    /// Binding 18.
+    pub light_nodes: wgpu::TextureView,
     /// Binding 10.
     pub color_pages: wgpu::TextureView,
     /// Binding 11.
@@ -118,12 +120,14 @@ fn upload_scene(gpu: &Gpu, scene: &CompiledScene) -> Result<GpuScene, RenderErro
     attributes.extend_from_slice(&scene.vertices);
     attributes.extend_from_slice(bytemuck::cast_slice(&scene.extended));
     attributes.extend_from_slice(bytemuck::cast_slice(&scene.details));
+    let (stored, sampled) = (wgpu::TextureUsages::STORAGE_BINDING, wgpu::TextureUsages::TEXTURE_BINDING);
     Ok(GpuScene {
-        nodes: upload_records(gpu, "tree nodes", bytemuck::cast_slice(&scene.nodes))?,
-        triangles: upload_records(gpu, "triangles", bytemuck::cast_slice(&scene.triangles))?,
+        nodes: upload_records(gpu, "tree nodes", bytemuck::cast_slice(&scene.nodes), stored)?,
+        triangles: upload_records(gpu, "triangles", bytemuck::cast_slice(&scene.triangles), stored)?,
         attributes: gpu.storage("vertex attributes", bytemuck::cast_slice(&attributes), 4)?,
-        instances: upload_records(gpu, "instances", bytemuck::cast_slice(&scene.instances))?,
+        instances: upload_records(gpu, "instances", bytemuck::cast_slice(&scene.instances), stored)?,
         materials: gpu.storage("materials", bytemuck::cast_slice(&scene.materials), size_of::<Material>())?,
+        light_nodes: upload_records(gpu, "light tree", bytemuck::cast_slice(&scene.light_tree.nodes), sampled)?,
         color_pages: upload_pages(gpu, &scene.color_pages, wgpu::TextureFormat::Rgba8UnormSrgb)?,
         data_pages: upload_pages(gpu, &scene.data_pages, wgpu::TextureFormat::Rgba8Unorm)?,
     })
@@ -132,7 +136,12 @@ fn upload_scene(gpu: &Gpu, scene: &CompiledScene) -> Result<GpuScene, RenderErro
 /// Records of whole texels, in rows of [`ROW`]. What a ray reads at every step lies in storage textures: a software
 /// device reads their texels faster than vectors of a buffer (docs/benchmarks.md), and they hold more than one binding of
 /// a buffer may.
-fn upload_records(gpu: &Gpu, label: &str, bytes: &[u8]) -> Result<wgpu::TextureView, RenderError> {
+fn upload_records(
+    gpu: &Gpu,
+    label: &str,
+    bytes: &[u8],
+    usage: wgpu::TextureUsages,
+) -> Result<wgpu::TextureView, RenderError> {
     let texels = bytes.len().div_ceil(TEXEL).max(1);
     let (width, height) = (texels.min(ROW), texels.div_ceil(ROW));
     let limit = gpu.device.limits().max_texture_dimension_2d as usize;
@@ -147,7 +156,7 @@ fn upload_records(gpu: &Gpu, label: &str, bytes: &[u8]) -> Result<wgpu::TextureV
     let mut rows = bytes.to_vec();
     rows.resize(width * height * TEXEL, 0);
     let (size, format) = ((width as u32, height as u32, 1), wgpu::TextureFormat::Rgba32Uint);
-    let texture = create_texture(gpu, label, size, format, wgpu::TextureUsages::STORAGE_BINDING, &rows);
+    let texture = create_texture(gpu, label, size, format, usage, &rows);
     Ok(texture.create_view(&wgpu::TextureViewDescriptor::default()))
 }
 

@@ -5,11 +5,12 @@ use super::kernel::{Fault, Kernel, words};
 use super::random::{Random, lattice};
 use super::statistics::chi_square;
 use super::verdict::{Verdict, smallest_found};
-use crate::support::{grey, params, scene, square, work};
+use crate::support::{grey, params, scene, square, work, work_without_tree};
 use candela::compile::NONE;
 use candela::render::Work;
 use candela::render::cpu::bvh::Hit;
 use candela::render::cpu::light::{LightSampler, from_emitter};
+use candela::render::cpu::light_tree::Receiver;
 use candela::render::cpu::surface::Surface;
 use candela::scene::{Material, Node, Scene};
 use glam::{DAffine3, DQuat, DVec3, Vec3};
@@ -44,7 +45,12 @@ impl Shader {
 impl Lights for Shader {
     fn pick(&self, u: &[[f64; 3]]) -> Vec<(usize, f64)> {
         let points: Vec<_> = u.iter().map(|u| words([u[0], u[1], 0.0, 0.0])).collect();
-        self.pick.run(&[&points]).into_iter().map(|[index, probability, ..]| (index as usize, probability)).collect()
+        let nowhere = vec![words([0.0; 4]); u.len()];
+        self.pick
+            .run(&[&points, &nowhere, &nowhere])
+            .into_iter()
+            .map(|[index, probability, ..]| (index as usize, probability))
+            .collect()
     }
 
     fn sample(&self, from: DVec3, pick: usize, u: &[[f64; 3]]) -> Vec<(DVec3, f64, f64)> {
@@ -88,15 +94,16 @@ struct F64(Work, LightSampler);
 
 impl F64 {
     fn new(work: Work) -> Self {
-        let lights = LightSampler::new(&work.lighting);
+        let lights = LightSampler::new(&work);
         Self(work, lights)
     }
 }
 
 impl Lights for F64 {
     fn pick(&self, u: &[[f64; 3]]) -> Vec<(usize, f64)> {
-        let picks = u.iter().map(|u| self.1.pick(u[0]));
-        picks.map(|pick| (pick, self.1.probability(&self.0.lighting, pick))).collect()
+        let anywhere = Receiver { position: DVec3::ZERO, normal: DVec3::Y };
+        let picks = u.iter().map(|u| self.1.pick(&anywhere, u[0]).expect("lights"));
+        picks.map(|pick| (pick.index, pick.probability)).collect()
     }
 
     fn sample(&self, from: DVec3, pick: usize, u: &[[f64; 3]]) -> Vec<(DVec3, f64, f64)> {
@@ -106,7 +113,7 @@ impl Lights for F64 {
         let hit = Hit { t: 1.0, u: b, v: c, triangle: triangle as u32, instance: instance as u32 };
         let surface = Surface::new(scene, &hit, DVec3::NEG_Y);
         let entry = &self.0.lighting.picks[pick];
-        let probability = self.1.probability(&self.0.lighting, pick);
+        let probability = self.1.of_light(pick);
         u.iter()
             .map(|u| {
                 let light = from_emitter(scene, entry, probability, &surface, [u[0], u[1]]);
@@ -128,7 +135,7 @@ fn many() -> (Work, Vec<f64>) {
         // Each square has two triangles, each with the flux of one side.
         fluxes.extend([PI * radiance * 2.0 * half * half; 2]);
     }
-    (work(&scene(parts), &params("{}")), fluxes)
+    (work_without_tree(&scene(parts), &params("{}")), fluxes)
 }
 
 /// Picks come as often as their probability says, and that follows their flux: nine tenths by flux, the rest evenly.
@@ -276,8 +283,8 @@ const FAULTS: [(&str, Fault, f64); 4] = [
     (
         "density over solid angle",
         Fault {
-            right: "return select(0.0, pick.probability * distance_squared /",
-            wrong: |e| format!("return select(0.0, {} * pick.probability * distance_squared /", 1.0 + e),
+            right: "return select(0.0, probability * distance_squared /",
+            wrong: |e| format!("return select(0.0, {} * probability * distance_squared /", 1.0 + e),
         },
         0.01,
     ),

@@ -2,13 +2,15 @@
 
 /// Statistical tests of each family, for one engine. All of both engines share one error of 0.01: a proof that holds
 /// fails once in a hundred seeds.
-const TESTS: [(&str, usize); 9] = [
+const TESTS: [(&str, usize); 11] = [
     ("Sobol points and hashes", 35),
     ("lobes", 26),
     ("whole BSDF", 75),
     ("layers", 27),
     ("environment", 21),
     ("lights", 19),
+    ("lights with an extent", 10),
+    ("light tree", 4),
     ("lens", 1),
     ("pixel filters", 4),
     ("Russian roulette", 4),
