@@ -9,7 +9,7 @@ use super::problem::{Code, Problem};
 use super::scenes::content_id;
 use super::state::State;
 use super::submit::content;
-use super::table::BatchAdmission;
+use super::table::Admission;
 use crate::params::{FieldError, RenderParams};
 use serde_json::{Value, json};
 use std::collections::HashSet;
@@ -68,7 +68,8 @@ impl Batch {
         }
     }
 
-    async fn settled(&self) {
+    /// Waits until the ledger has all that has happened so far.
+    pub async fn settled(&self) {
         for job in &self.jobs {
             job.settled().await;
         }
@@ -145,7 +146,7 @@ impl Service {
             (jobs, ledger.commit(super::ledger::Change::Batch(spec, rows)))
         });
         match admission {
-            BatchAdmission::New(batch, sent) => {
+            Admission::New(batch, sent) => {
                 let taken_by_ledger = self.core.storage.accepted(sent).await;
                 self.accept_batch(&batch, taken_by_ledger)?;
                 taken.keep();
@@ -154,15 +155,15 @@ impl Service {
                 tokio::spawn(self.clone().feed(work, shares));
                 Ok(batch)
             }
-            BatchAdmission::SameKey(batch) if batch.spec.content == content => {
+            Admission::SameKey(batch) if batch.spec.content == content => {
                 batch.settled().await;
                 Ok(batch)
             }
-            BatchAdmission::SameKey(batch) => {
+            Admission::SameId(batch) | Admission::SameKey(batch) => {
                 let detail = format!("this Idempotency-Key began `{}`, which asks for something else", batch.spec.id);
                 Err(Problem::new(Code::IdempotencyMismatch, detail))
             }
-            BatchAdmission::Full(waiting) => {
+            Admission::Full(waiting) => {
                 let detail =
                     format!("{waiting} jobs of batches wait, and {most} may (GET /v1/limits, batch_queue_length)");
                 Err(Problem::new(Code::QueueFull, detail).retry_after(BATCH_RETRY_SECONDS))
@@ -181,8 +182,7 @@ impl Service {
             }
             Ok(false) => {
                 let numbers: Vec<i64> = batch.jobs.iter().map(|job| job.spec.number).collect();
-                self.core.table.forget(&numbers);
-                self.core.table.forget_batches(&[batch.spec.number]);
+                self.core.table.forget(&numbers, &[batch.spec.number]);
                 let detail = "a scene or an image of this batch has just been forgotten: upload it again";
                 Err(Problem::new(Code::SceneNotFound, detail))
             }

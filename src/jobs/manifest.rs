@@ -40,10 +40,15 @@ struct Line {
     scene: String,
     #[serde(default)]
     name: Option<String>,
-    #[serde(default)]
-    params: Option<Value>,
+    #[serde(default = "no_params")]
+    params: Value,
     #[serde(default)]
     priority: i32,
+}
+
+/// What `params` are where they are left out; null is not the same, and refused.
+pub fn no_params() -> Value {
+    Value::Object(serde_json::Map::new())
 }
 
 /// Each scene with each camera, variant and set of lights; an axis that is left out has one place, as `params` say.
@@ -51,8 +56,8 @@ struct Line {
 #[serde(deny_unknown_fields)]
 struct Matrix {
     scenes: Vec<String>,
-    #[serde(default)]
-    params: Option<Value>,
+    #[serde(default = "no_params")]
+    params: Value,
     #[serde(default)]
     cameras: Vec<Value>,
     #[serde(default)]
@@ -99,7 +104,7 @@ pub fn from_lines(text: &str, most: usize) -> Result<Vec<Item>, ManifestError> {
         match params::read::<Line>(&value) {
             Ok(line) => {
                 let name = line.name.unwrap_or_else(|| format!("{index:04}"));
-                draft.add(&root, name, line.scene, &line.params.unwrap_or_default(), line.priority);
+                draft.add(&root, name, line.scene, &line.params, line.priority);
             }
             Err(fault) => draft.faults.push(below(&root, fault)),
         }
@@ -128,7 +133,7 @@ pub fn from_matrix(value: &Value, most: usize) -> Result<Vec<Item>, ManifestErro
         let [lights, variant, camera] =
             [place(matrix.lights.len()), place(matrix.variants.len()), place(matrix.cameras.len())];
         let scene = place(matrix.scenes.len());
-        let mut params = matrix.params.clone().unwrap_or_else(|| Value::Object(serde_json::Map::new()));
+        let mut params = matrix.params.clone();
         let mut parts = Vec::new();
         if matrix.scenes.len() > 1 {
             parts.push(format!("scene{scene}"));
@@ -181,8 +186,7 @@ impl Draft {
             let detail = format!("another item is named `{name}` (files of such names may be one)");
             self.faults.push(FieldError::new(format!("{root}/name"), detail));
         }
-        let text = if params.is_null() { "{}".to_owned() } else { params.to_string() };
-        match params::from_json(&text) {
+        match params::from_json(&params.to_string()) {
             Ok(params) => self.items.push(Item { name, scene, params, priority }),
             Err(faults) => self.faults.extend(faults.into_iter().map(|fault| below(root, fault))),
         }

@@ -11,6 +11,8 @@ mod compile;
 mod describe;
 mod events;
 mod finish;
+mod forget;
+mod index;
 mod job;
 mod ledger;
 mod library;
@@ -30,6 +32,7 @@ mod store;
 mod submit;
 mod table;
 mod tidy;
+mod trial;
 mod usage;
 mod webhooks;
 mod worker;
@@ -40,7 +43,7 @@ pub use events::{Event, EventKind, EventLog};
 pub use job::{Job, Order};
 pub use ledger::SceneRow;
 pub use library::Images;
-pub use manifest::{Item, ManifestError, from_lines, from_matrix, read as read_manifest};
+pub use manifest::{Item, ManifestError, from_lines, from_matrix, no_params, read as read_manifest};
 pub use memory::film_bytes;
 pub use meters::Meters;
 pub use outcome::{Encoded, Outcome, Preview, Record};
@@ -50,7 +53,8 @@ pub use scenes::{StoredImage, StoredScene};
 pub use state::State;
 pub use storage::{StorageError, audit_folder};
 pub use store::{Store, Stored};
-pub use submit::Submission;
+pub use submit::{Asked, Submission};
+pub use trial::Trial;
 pub use webhooks::Webhooks;
 pub use worker::EngineFactory;
 
@@ -118,6 +122,7 @@ struct Core {
     draining: AtomicBool,
     closed: watch::Sender<bool>,
     webhooks: OnceLock<Webhooks>,
+    trial: OnceLock<Trial>,
 }
 
 impl Service {
@@ -175,6 +180,7 @@ impl Service {
                 draining: AtomicBool::new(false),
                 closed: watch::Sender::new(false),
                 webhooks: OnceLock::new(),
+                trial: OnceLock::new(),
                 limits,
             }),
         };
@@ -194,6 +200,12 @@ impl Service {
         if self.core.webhooks.set(webhooks.clone()).is_ok() {
             tokio::spawn(webhooks::deliver(Arc::downgrade(&self.core), webhooks));
         }
+    }
+
+    /// Has scenes read by a process of its own first, from now on.
+    pub fn try_scenes(&self, trial: Trial) {
+        // The first one stays.
+        let _ = self.core.trial.set(trial);
     }
 
     /// Runs work that needs a core for long, when there is a place for it. Its panic becomes a problem.
