@@ -73,7 +73,12 @@ fn engines(config: &ServeConfig) -> EngineFactory {
         return Box::new(|| Ok(Box::new(Engines::new())));
     }
     let patience = Duration::from_secs(config.limits.device_seconds.max(1));
-    Box::new(move || Ok(Box::new(ApartEngine::start(apart::command("engine").map_err(|error| RenderError::NoAdapter(error.to_string()))?, patience)?)))
+    Box::new(move || {
+        Ok(Box::new(ApartEngine::start(
+            apart::command("engine").map_err(|error| RenderError::NoAdapter(error.to_string()))?,
+            patience,
+        )?))
+    })
 }
 
 /// How scenes are tried, if they are.

@@ -37,20 +37,27 @@ pub fn unseen(bounds: &Bounds, view: &View) -> Option<&'static str> {
     }
     let nearest = corners.iter().map(|corner| corner.z).fold(f64::INFINITY, f64::min);
     let pixel = 2.0 * half_height(nearest) / f64::from(view.height.max(1));
-    (nearest > 0.0 && 2.0 * bounds.radius() < pixel).then_some("the camera is so far away that all of the scene is smaller than a pixel")
+    (nearest > 0.0 && 2.0 * bounds.radius() < pixel)
+        .then_some("the camera is so far away that all of the scene is smaller than a pixel")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::compile::framing::Axes;
     use crate::params::Filter;
-    use glam::{Affine3A, Vec3};
+    use glam::{Affine3A, Mat3A, Vec3};
 
     fn at(eye: Vec3, target: Vec3) -> Option<&'static str> {
         let bounds = Bounds { min: Vec3::splat(-1.0), max: Vec3::splat(1.0) };
-        let to_world = Affine3A::look_at_rh(eye, target, Vec3::Y).inverse();
+        let Axes { right, up, forward } = Axes::looking((target - eye).as_dvec3(), DVec3::Y).unwrap();
+        let matrix3 = Mat3A::from_cols(right.as_vec3a(), up.as_vec3a(), (-forward).as_vec3a());
+        let to_world = Affine3A { matrix3, translation: eye.into() };
         let lens = Lens::Perspective { tan_half_yfov: 0.4, aperture_radius: 0.0, focus_distance: 1.0 };
-        unseen(&bounds, &View { to_world, lens, width: 300, height: 200, filter: Filter::default(), transparent: false })
+        unseen(
+            &bounds,
+            &View { to_world, lens, width: 300, height: 200, filter: Filter::default(), transparent: false },
+        )
     }
 
     #[test]

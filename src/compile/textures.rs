@@ -183,7 +183,9 @@ pub fn map_size(bytes: &[u8], most: u64) -> Option<Result<(u32, u32), String>> {
     let size = open().into_dimensions().map_err(|error| why(&error));
     Some(size.and_then(|(width, height)| {
         if width.max(height) > MAX_SIDE || u64::from(width) * u64::from(height) > most {
-            return Err(format!("the image is {width} x {height}; at most {MAX_SIDE} a side and {most} in all are read"));
+            return Err(format!(
+                "the image is {width} x {height}; at most {MAX_SIDE} a side and {most} in all are read"
+            ));
         }
         // All of it, so that one that is cut off is refused here and not by each render that names it.
         let mut reader = open();

@@ -4,7 +4,9 @@ use super::list::{self, Page};
 use super::prefer::Patience;
 use super::{App, accept, caller, picture, query, scenes, upload};
 use crate::film::Aov;
-use crate::jobs::{Asked, Code, Images, Job, Order, Problem, Stages, State as JobState, Submission, no_params};
+use crate::jobs::{
+    Asked, Code, Images, Job, Order, Problem, Stages, State as JobState, Submission, Webhook, no_params,
+};
 use crate::params::{self, FieldError, ImageFormat, RenderParams};
 use axum::Json;
 use axum::extract::{Path, Request, State};
@@ -25,13 +27,6 @@ struct NewJob {
     priority: i32,
     #[serde(default)]
     webhook: Option<Webhook>,
-}
-
-/// Who is to be told of a job's end.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Webhook {
-    url: String,
 }
 
 /// `POST /v1/jobs`

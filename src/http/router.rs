@@ -44,6 +44,7 @@ fn table() -> Vec<Row> {
         ("GET", "/v1/batches", READ, get(batches::list)),
         ("GET", "/v1/batches/{id}", READ, get(batches::show)),
         ("DELETE", "/v1/batches/{id}", RENDER, delete(batches::remove)),
+        ("GET", "/v1/batches/{id}/events", READ, get(events::stream_batch)),
         ("GET", "/v1/batches/{id}/results", READ, get(batches::results)),
         ("POST", "/v1/batches/{id}/cancel", RENDER, post(batches::cancel)),
         ("GET", "/v1/limits", READ, get(health::limits)),

@@ -1,8 +1,8 @@
 //! `/v1/scenes`: upload once, render often.
 
-use super::upload::{self, Kinds, Upload};
 use super::App;
 use super::list::{self, Page};
+use super::upload::{self, Kinds, Upload};
 use crate::jobs::{Code, Problem, SceneRow};
 use axum::Json;
 use axum::extract::{Path, Request, State};

@@ -92,7 +92,7 @@ impl Batch {
             "state": state,
             "created_unix": self.spec.created as f64 / 1e3,
             "counts": counts,
-            "links": { "self": link(""), "results": link("/results"), "cancel": link("/cancel") },
+            "links": { "self": link(""), "events": link("/events"), "results": link("/results"), "cancel": link("/cancel") },
         })
     }
 
@@ -206,6 +206,7 @@ impl Service {
                 Problem { errors, detail: format!("item {index} (`{}`): {}", item.name, problem.detail), ..problem }
             };
             self.check(&item.params, item.priority).map_err(place)?;
+            self.check_webhook(item.webhook.as_deref()).map_err(place)?;
             if scenes.insert(&item.scene) && !self.core.storage.offers_scene(&item.scene).await? {
                 let detail = format!("there is no scene `{}`; scenes not used for long are forgotten", item.scene);
                 let errors = vec![FieldError::new("/scene", "unknown scene")];
@@ -290,12 +291,14 @@ fn spec_of(item: Item, index: u32, client: &str) -> Spec {
         client: client.to_owned(),
         attended: false,
         place: Some(Place { batch: 0, item: index, name: item.name }),
-        webhook: None,
+        webhook: item.webhook,
     }
 }
 
 /// Of everything that a manifest says.
 fn batch_content(jobs: &[Spec]) -> String {
-    let line = |job: &Spec| json!([job.place.as_ref().map(|place| &place.name), job.scene, job.params, job.priority]);
+    let line = |job: &Spec| {
+        json!([job.place.as_ref().map(|place| &place.name), job.scene, job.params, job.priority, job.webhook])
+    };
     content_id(jobs.iter().map(line).collect::<Value>().to_string().as_bytes())
 }

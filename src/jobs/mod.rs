@@ -43,7 +43,7 @@ pub use events::{Event, EventKind, EventLog};
 pub use job::{Job, Order};
 pub use ledger::SceneRow;
 pub use library::Images;
-pub use manifest::{Item, ManifestError, from_lines, from_matrix, no_params, read as read_manifest};
+pub use manifest::{Item, ManifestError, Webhook, from_lines, from_matrix, no_params, read as read_manifest};
 pub use memory::film_bytes;
 pub use meters::Meters;
 pub use outcome::{Encoded, Outcome, Preview, Record};

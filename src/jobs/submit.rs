@@ -171,7 +171,8 @@ impl Service {
         served
     }
 
-    fn check_webhook(&self, url: Option<&str>) -> Result<(), Problem> {
+    /// Whether webhooks are sent, and to that address.
+    pub(super) fn check_webhook(&self, url: Option<&str>) -> Result<(), Problem> {
         match (url, self.core.webhooks.get()) {
             (None, _) => Ok(()),
             (Some(url), Some(webhooks)) => webhooks.check(url),

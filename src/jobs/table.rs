@@ -89,12 +89,7 @@ impl Table {
     /// Admits a job, unless one of that id or key is there. An empty id is replaced by one of the server's. `shares`: the
     /// result of another job will do. `make` is called with the whole specification, and what it gives besides the job is
     /// handed on.
-    pub fn admit<T>(
-        &self,
-        mut spec: Spec,
-        shares: bool,
-        make: impl FnOnce(Spec) -> (Job, T),
-    ) -> Admission<Job, T> {
+    pub fn admit<T>(&self, mut spec: Spec, shares: bool, make: impl FnOnce(Spec) -> (Job, T)) -> Admission<Job, T> {
         let mut rows = self.rows();
         if let Some(job) = rows.jobs.by_id(&spec.id) {
             return Admission::SameId(Arc::clone(job));

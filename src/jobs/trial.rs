@@ -117,13 +117,18 @@ impl Trial {
     }
 }
 
+/// Address space of the program itself and of its threads' stacks.
+const OWN: u64 = 1 << 30;
+
 /// No more memory than that for this process, where the system can say so.
 fn restrict(bytes: u64) -> io::Result<()> {
     #[cfg(unix)]
     {
         use rustix::process::{Resource, Rlimit, setrlimit};
-        setrlimit(Resource::As, Rlimit { current: Some(bytes), maximum: Some(bytes) })?;
+        let most = Some(bytes.saturating_add(OWN));
+        setrlimit(Resource::As, Rlimit { current: most, maximum: most })?;
     }
+    #[cfg(not(unix))]
     let _ = bytes;
     Ok(())
 }

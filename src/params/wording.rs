@@ -16,7 +16,8 @@ const EXPECTED: [(&str, &str); 12] = [
     ("string or map", "one of its names, a text in quotes (openapi.yaml lists them)"),
 ];
 
-const FOUND: [(&str, &str); 4] = [("map", "an object"), ("sequence", "an array"), ("null", "null"), ("unit value", "null")];
+const FOUND: [(&str, &str); 4] =
+    [("map", "an object"), ("sequence", "an array"), ("null", "null"), ("unit value", "null")];
 
 /// The message of a value of the wrong kind or size; none: it is about something else.
 pub fn of_kinds(message: &str) -> Option<String> {

@@ -94,7 +94,9 @@ fn blackness(compiled: &CompiledScene, lighting: &Lighting, unlit: bool) -> Opti
 /// Why the picture has nothing but its background in it although the scene draws something.
 fn nothing_in_view(compiled: &CompiledScene, view: &View) -> Option<Warning> {
     let why = compile::unseen(&compiled.bounds, view)?;
-    let detail = format!("{why}, so the picture shows its background alone: leave `camera` out, or `orbit.distance`, to have it framed");
+    let detail = format!(
+        "{why}, so the picture shows its background alone: leave `camera` out, or `orbit.distance`, to have it framed"
+    );
     Some(Warning { code: "nothing_in_view", pointer: "/params/camera".into(), detail })
 }
 

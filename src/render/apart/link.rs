@@ -31,7 +31,9 @@ impl ApartEngine {
         let link = Link::open(command, patience)
             .map_err(|error| RenderError::NoAdapter(format!("the engine's process cannot be started: {error}")))?;
         match link.answer()? {
-            Answer::Ready => Ok(Self { link: Rc::new(link), scenes: Held::default(), pictures: Held::default(), next: 0 }),
+            Answer::Ready => {
+                Ok(Self { link: Rc::new(link), scenes: Held::default(), pictures: Held::default(), next: 0 })
+            }
             _ => Err(link.lose("it began with an answer")),
         }
     }

@@ -34,7 +34,8 @@ pub(super) fn inflate(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<String, 
             continue;
         }
         if name.starts_with('/') || name.split('/').any(|part| part == "..") {
-            let detail = format!("the entry `{name}` of the zip lies outside of it; pack the files with plain relative names");
+            let detail =
+                format!("the entry `{name}` of the zip lies outside of it; pack the files with plain relative names");
             return Err(SceneError::malformed("zip_path", detail));
         }
         let allowed = left.min(entry.compressed_size().saturating_mul(limits.zip_ratio).saturating_add(RATIO_FREE));
