@@ -57,7 +57,7 @@ fn has_samples(job: &Value) -> bool {
 }
 
 fn picture() -> Value {
-    json!({ "engine": "cpu", "width": 128, "height": 96, "max_samples": 200 })
+    json!({ "engine": "cpu", "width": 64, "height": 48, "max_samples": 120 })
 }
 
 #[test]
@@ -106,21 +106,20 @@ fn a_render_that_ends_its_engine_again_and_again_fails_alone() {
     let scene = server.upload(&demo::by_name("grid").expect("the demo")).expect("an upload");
     let endless = json!({ "engine": "cpu", "width": 64, "height": 64, "max_samples": 1_000_000 });
     let id = begin(&server, &scene, &endless);
-    let mut killed = 0;
+    let (mut killed, mut samples) = (0, 0);
     let job = loop {
-        let job = server.get(&format!("/v1/jobs/{id}")).1;
+        let has_more = |job: &Value| job["progress"]["samples"].as_u64().is_some_and(|now| now > samples);
+        let job = wait(&server, &id, |job| job["state"] == "failed" || has_more(job));
         if job["state"] == "failed" {
             break job;
         }
         assert!(killed < 10, "{job}");
-        if job["state"] == "running" {
-            signal("-KILL", &process(&server, "engine"));
-            killed += 1;
-        }
-        std::thread::sleep(Duration::from_millis(100));
+        samples = job["progress"]["samples"].as_u64().unwrap_or_default();
+        signal("-KILL", &process(&server, "engine"));
+        killed += 1;
     };
     assert_eq!(job["problem"]["code"], "device_unavailable", "{job}");
-    assert!(killed > 3, "{killed}");
+    assert_eq!(killed, 4);
     assert!(!server.result(&begin(&server, &scene, &picture())).is_empty());
 }
 
