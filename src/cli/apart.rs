@@ -6,6 +6,10 @@ use crate::render::{Engines, host};
 use std::io;
 use std::process::Command;
 
+/// Steps of priority that the engine stands back behind the server.
+#[cfg(unix)]
+const NICE: i32 = 5;
+
 /// What starts this program anew.
 ///
 /// # Errors
@@ -21,6 +25,9 @@ pub fn command(subcommand: &str) -> io::Result<Command> {
 /// # Errors
 /// Whoever asked has gone.
 pub fn engine() -> Result<(), Failure> {
+    // Replies come before samples: where the cores are few, whoever is refused is so at once. A system that does not allow it loses that alone.
+    #[cfg(unix)]
+    let _ = rustix::process::nice(NICE);
     tracing_subscriber::fmt().with_writer(io::stderr).with_max_level(tracing::Level::WARN).with_ansi(false).init();
     let served = host(|| Box::new(Engines::new()), io::stdin(), io::stdout());
     served.map_err(|error| Failure::Machine(format!("the engine's process: {error}")))

@@ -37,12 +37,14 @@ fn found_words(found: &str) -> String {
     if let Some((_, words)) = FOUND.iter().find(|(name, _)| *name == found) {
         return (*words).to_owned();
     }
-    // Numbers and truth values stand between backticks, texts in quotes.
-    let value = found.split('`').nth(1);
-    match value {
+    if let Some(text) = found.strip_prefix("string ") {
+        return format!("the text {text}");
+    }
+    // Numbers and truth values stand between backticks.
+    match found.split('`').nth(1) {
         Some(value) if found.starts_with("boolean") => value.to_owned(),
         Some(value) => format!("the number {value}"),
-        None => found.replacen("string ", "the text ", 1),
+        None => found.to_owned(),
     }
 }
 
