@@ -56,7 +56,10 @@ impl Service {
     ) -> Result<(Arc<StoredScene>, Package), Problem> {
         let limits = self.core.limits.scene();
         let held: u64 = parts.iter().map(|(_, bytes)| bytes.len() as u64).sum();
-        let memory = self.import_memory(limits.import_memory(held, Package::is_packed(&parts))).await;
+        // A process that reads it first needs as much.
+        let copies = 1 + u64::from(self.core.trial.get().is_some());
+        let needed = limits.import_memory(held, Package::is_packed(&parts));
+        let memory = self.import_memory(needed.saturating_mul(copies)).await;
         let service = self.clone();
         self.at_desk(move || {
             // Held until the work has ended, whether or not anybody still waits for it.

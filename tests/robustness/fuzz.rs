@@ -45,7 +45,8 @@ fn changed(random: &mut Random, inputs: &[Vec<u8>]) -> Vec<u8> {
     let mut bytes = inputs[random.below(inputs.len())].clone();
     for _ in 0..=random.below(6) {
         let at = random.below(bytes.len() + 1);
-        let length = random.below(1 << random.below(6)).min(bytes.len() - at);
+        let most = 1 << random.below(6);
+        let length = random.below(most).min(bytes.len() - at);
         match random.below(9) {
             0 if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
             1 if at < bytes.len() => bytes[at] = random.next() as u8,

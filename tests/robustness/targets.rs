@@ -36,10 +36,12 @@ pub fn parameters(bytes: &[u8]) -> bool {
     let pairs = text.split('&').filter_map(|pair| pair.split_once('='));
     let _ = params::from_query(pairs);
     match params::from_json(text) {
+        // What is beyond a limit may be infinite, which JSON cannot say.
+        Ok(params) if params.validate(&ParamLimits::default()).is_err() => false,
         Ok(params) => {
             let again = serde_json::to_string(&params).expect("parameters are JSON");
             assert_eq!(params::from_json(&again).as_ref(), Ok(&params), "{again}");
-            params.validate(&ParamLimits::default()).is_ok()
+            true
         }
         Err(faults) => {
             assert!(
