@@ -46,6 +46,8 @@ limits! {
     decompression_ratio: u64 = 200, "CANDELA_DECOMPRESSION_RATIO";
     /// Bytes of host memory that uploads being imported may take together, at the most; further ones wait.
     import_memory_bytes: u64 = 4 << 30, "CANDELA_IMPORT_MEMORY_BYTES";
+    /// Seconds in which a scene must have been read.
+    import_seconds: u64 = 60, "CANDELA_IMPORT_SECONDS";
     /// Triangles of a scene, counted once per mesh.
     triangles: usize = 20_000_000, "CANDELA_TRIANGLES";
     /// Pixels of all images of a scene together.
@@ -66,6 +68,8 @@ limits! {
     pixel_samples: u64 = 1_000_000_000_000, "CANDELA_PIXEL_SAMPLES";
     /// Seconds of tracing after which a render stops with what it has.
     render_seconds: u64 = 3600, "CANDELA_RENDER_SECONDS";
+    /// Seconds after which a device that does not answer is given up; renders then go on with a new one.
+    device_seconds: u64 = 120, "CANDELA_DEVICE_SECONDS";
     /// Estimated bytes of host memory of one job.
     job_memory_bytes: u64 = 4 << 30, "CANDELA_JOB_MEMORY_BYTES";
     /// Estimated bytes of host memory of all renders under way together.
@@ -151,6 +155,9 @@ pub struct ServeConfig {
     /// Hosts and addresses that webhooks may go to although they are not public.
     #[arg(long, env = "CANDELA_WEBHOOK_HOSTS", value_name = "HOST,...", value_delimiter = ',')]
     pub webhook_hosts: Vec<String>,
+    /// Whether scenes are read first, and rendered, by processes of their own, which can crash, hang or be killed without the server.
+    #[arg(long, env = "CANDELA_APART", default_value_t = true, action = ArgAction::Set)]
+    pub apart: bool,
     /// How the log is written to standard error.
     #[arg(long, env = "CANDELA_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     pub log_format: LogFormat,

@@ -11,5 +11,6 @@ pub mod film;
 pub mod http;
 pub mod jobs;
 pub mod params;
+mod pod;
 pub mod render;
 pub mod scene;

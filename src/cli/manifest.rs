@@ -29,6 +29,10 @@ pub fn run(arguments: &RenderArgs, manifest: &Path) -> Result<(), Failure> {
             Remote::new(server, auth)?.render(&items, |item, result| tally.note(item, result))?;
         }
         None => {
+            if let Some(item) = items.iter().find(|item| item.webhook.is_some()) {
+                let detail = format!("item `{}` has a webhook, which a server alone sends (--server URL)", item.name);
+                return Err(Failure::Request(detail));
+            }
             let (mut engines, mut stage) = (Engines::new(), Stage::default());
             for item in &items {
                 let made = local(&mut engines, &mut stage, item);

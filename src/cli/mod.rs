@@ -1,5 +1,6 @@
 //! The command line: one file per subcommand.
 
+mod apart;
 mod bench;
 mod demo;
 mod doctor;
@@ -38,6 +39,12 @@ enum Command {
     Doctor(doctor::DoctorArgs),
     /// Measures this machine.
     Bench(bench::BenchArgs),
+    /// Traces for `candela serve`, which starts this by itself.
+    #[command(hide = true)]
+    Engine,
+    /// Reads a scene for `candela serve`, which starts this by itself.
+    #[command(hide = true)]
+    Import,
 }
 
 /// Why a command failed.
@@ -69,6 +76,8 @@ pub fn main() -> ExitCode {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
+        Command::Engine => apart::engine(),
+        Command::Import => apart::import(),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -154,8 +154,10 @@ impl Uploads<'_> {
         for (_, file) in params.map_names_mut() {
             *file = self.image(file)?;
         }
-        let Item { name, priority, .. } = item;
-        Ok(format!("{}\n", json!({ "scene": scene, "name": name, "params": params, "priority": priority })))
+        let Item { name, priority, webhook, .. } = item;
+        let webhook = webhook.as_ref().map(|url| json!({ "url": url }));
+        let line = json!({ "scene": scene, "name": name, "params": params, "priority": priority, "webhook": webhook });
+        Ok(format!("{line}\n"))
     }
 
     fn scene(&mut self, scene: &str) -> Result<String, Failure> {

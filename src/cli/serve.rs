@@ -1,10 +1,10 @@
 //! `candela serve`.
 
-use super::Failure;
+use super::{Failure, apart};
 use crate::config::{LogFormat, ServeConfig};
 use crate::http::{self, Access};
-use crate::jobs::{Service, Webhooks};
-use crate::render::{Engine, Engines};
+use crate::jobs::{EngineFactory, Service, Trial, Webhooks};
+use crate::render::{ApartEngine, Engines, RenderError};
 use anyhow::Context;
 use std::io::{IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
@@ -48,9 +48,12 @@ async fn serve(config: ServeConfig) -> anyhow::Result<()> {
     if !access.has_keys() && !address.ip().is_loopback() {
         tracing::warn!("whoever reaches {address} may use this server (--keys FILE asks for keys)");
     }
-    let engines = Box::new(|| Ok(Box::new(Engines::new()) as Box<dyn Engine>));
-    let webhooks = webhooks(&config)?;
+    let engines = engines(&config);
+    let (webhooks, trial) = (webhooks(&config)?, trial(&config));
     let service = Service::start_in(config.data.as_deref(), config.limits, engines).await?;
+    if let Some(trial) = trial {
+        service.try_scenes(trial);
+    }
     if let Some(webhooks) = webhooks {
         service.tell_webhooks(webhooks);
     }
@@ -62,6 +65,29 @@ async fn serve(config: ServeConfig) -> anyhow::Result<()> {
     http::serve(listener, service, &access, asked_to_stop()?, Duration::from_secs(config.drain_seconds)).await?;
     tracing::info!("stopped");
     Ok(())
+}
+
+/// Makes the engine, again after it was lost.
+fn engines(config: &ServeConfig) -> EngineFactory {
+    if !config.apart {
+        return Box::new(|| Ok(Box::new(Engines::new())));
+    }
+    let patience = Duration::from_secs(config.limits.device_seconds.max(1));
+    Box::new(move || {
+        Ok(Box::new(ApartEngine::start(
+            apart::command("engine").map_err(|error| RenderError::NoAdapter(error.to_string()))?,
+            patience,
+        )?))
+    })
+}
+
+/// How scenes are tried, if they are.
+fn trial(config: &ServeConfig) -> Option<Trial> {
+    config.apart.then(|| Trial {
+        command: Box::new(|| apart::command("import")),
+        patience: Duration::from_secs(config.limits.import_seconds.max(1)),
+        memory: config.limits.import_memory_bytes,
+    })
 }
 
 /// How webhooks are signed, if they are to be sent.
@@ -112,6 +138,7 @@ mod tests {
             webhook_secret: None,
             webhook_hosts: Vec::new(),
             drain_seconds: 0,
+            apart: false,
             log_format: LogFormat::Text,
             print_config: false,
             limits: Limits::default(),

@@ -3,32 +3,41 @@
 use super::{Extended, LightTree, NONE};
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// Geometry, materials and textures, ready to trace.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub struct CompiledScene {
     /// World position of the origin of everything below.
     pub origin: DVec3,
     /// Bounds of what is drawn, relative to `origin`.
     pub bounds: Bounds,
     /// CWBVH nodes: first the top level's (if `two_level`), then each mesh's, indices absolute.
+    #[serde(with = "crate::pod")]
     pub nodes: Vec<BvhNode>,
     /// Triangles in leaf order, object space of their instance.
+    #[serde(with = "crate::pod")]
     pub triangles: Vec<Triangle>,
     /// Vertex indices (absolute, into `vertices`) of each triangle, in leaf order.
+    #[serde(with = "crate::pod")]
     pub indices: Vec<[u32; 3]>,
     /// Vertex records of `layout.stride` words.
+    #[serde(with = "crate::pod")]
     pub vertices: Vec<u32>,
     /// What a vertex record holds.
     pub layout: VertexLayout,
     /// Instances in the leaf order of the top level. Not `two_level`: exactly one, identity.
+    #[serde(with = "crate::pod")]
     pub instances: Vec<Instance>,
     /// Materials in use.
+    #[serde(with = "crate::pod")]
     pub materials: Vec<Material>,
     /// What extensions add to some of them.
+    #[serde(with = "crate::pod")]
     pub extended: Vec<Extended>,
     /// Reliefs of some of them.
+    #[serde(with = "crate::pod")]
     pub details: Vec<Detail>,
     /// sRGB texels (base colour, emission), RGBA8, pages of `page_size`^2.
     pub color_pages: TexturePages,
@@ -49,7 +58,7 @@ pub struct CompiledScene {
 }
 
 /// What compiling did, and left out.
-#[derive(Debug, Clone, Default, serde::Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct CompileStats {
     /// Triangles stored once.
     pub triangles: u64,
@@ -72,7 +81,7 @@ pub struct CompileStats {
 }
 
 /// Axis-aligned box; empty if `min > max`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Bounds {
     /// Lower corner.
     pub min: Vec3,
@@ -141,7 +150,7 @@ impl Triangle {
 }
 
 /// Word offsets of the attributes in a vertex record; [`NONE`]: no drawn mesh has it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct VertexLayout {
     /// Words per vertex.
     pub stride: u32,
@@ -286,16 +295,17 @@ impl Default for TextureSlot {
 }
 
 /// Square RGBA8 pages that hold many textures.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct TexturePages {
     /// Side of a page in texels; 0: no page.
     pub page_size: u32,
     /// Texels, row by row.
+    #[serde(with = "crate::pod::nested")]
     pub pages: Vec<Vec<u8>>,
 }
 
 /// An emitting triangle in world space, for light sampling.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct Emitter {
     /// Instance it belongs to.
     pub instance: u32,

@@ -8,7 +8,7 @@ use crate::params::{Mode, RenderParams};
 use glam::Vec3;
 
 /// Needs of a (scene, lighting, view) triple.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize)]
 pub struct Features {
     /// Rays pass a top level of instances.
     pub two_level: bool,

@@ -5,6 +5,7 @@ use super::{Bounds, CompiledScene, Emitter};
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Emitting triangles from which on a tree is built: below, picking by power alone is as good (docs/benchmarks.md, "Many
@@ -49,11 +50,13 @@ impl LightNode {
 }
 
 /// Nodes, the root first, and the way to each emitter.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct LightTree {
     /// Empty: there are too few emitters.
+    #[serde(with = "crate::pod")]
     pub nodes: Vec<LightNode>,
     /// By emitter: bit `k` says which child to take at the `k`-th step.
+    #[serde(with = "crate::pod")]
     pub trails: Vec<u32>,
 }
 

@@ -2,17 +2,20 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 use std::sync::Arc;
 
 /// Light of one request: everything that can be sampled, as tables.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Lighting {
     /// Lights that can reach the scene, of non-zero power; those with an extent first.
+    #[serde(with = "crate::pod")]
     pub lights: Vec<PunctualLight>,
     /// Number of those with an extent.
     pub extended: u32,
     /// Entries of `lights` then emitters; empty if there are neither. All are an alias table; if there is a tree, those of `lights`.
+    #[serde(with = "crate::pod")]
     pub picks: Vec<LightPick>,
     /// Probability of looking in [`CompiledScene::light_tree`](super::CompiledScene::light_tree) rather than in the table; 0: there is
     /// no tree.
@@ -136,7 +139,7 @@ pub struct LightPick {
 }
 
 /// Light from infinity.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Environment {
     /// What it shows.
     pub kind: EnvironmentKind,
@@ -157,7 +160,7 @@ impl Default for Environment {
 }
 
 /// What an environment shows.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub enum EnvironmentKind {
     /// Black.
     #[default]
@@ -174,27 +177,32 @@ pub enum EnvironmentKind {
         bottom: Vec3,
     },
     /// Equirectangular picture.
+    #[serde(skip)]
     Hdri(Arc<Hdri>),
 }
 
 /// An equirectangular picture with its sampling table. `u = 0.5 + atan2(z, x) / 2pi`, v from the top.
 /// Radiance is bilinear between texel centres, repeated in u and clamped in v.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Hdri {
     /// Texels across.
     pub width: u32,
     /// Texels down.
     pub height: u32,
     /// Row by row from the top, linear RGB.
+    #[serde(with = "crate::pod")]
     pub texels: Vec<[f32; 3]>,
     /// Cells between texel centres: `width` columns, `height + 1` rows (the first and the last row are half cells at the
     /// poles). Cell (i, j) spans u from (i + 0.5) / width to (i + 1.5) / width and v from max(j - 0.5, 0) / height to
     /// min(j + 0.5, height) / height.
+    #[serde(with = "crate::pod")]
     pub cells: Vec<EnvironmentCell>,
     /// Of each column of tiles ([`TILES`](super::TILES)) the distribution functions over the rows of cells, `height + 1` numbers: probability,
     /// given the tile, of this row or one above it.
+    #[serde(with = "crate::pod")]
     pub rows: Vec<f32>,
     /// Of each facing the shares of the tiles: see [`Hdri::facing`].
+    #[serde(with = "crate::pod")]
     pub tiles: Vec<Share>,
     /// Integral of luminance over the sphere.
     pub power: f32,

@@ -32,6 +32,7 @@ mod look;
 mod materials;
 mod moment;
 mod quantize;
+mod sight;
 mod texels;
 mod textures;
 mod tiles;
@@ -57,6 +58,7 @@ pub use lighting::{
 pub use lights::{light, shines};
 pub use look::MapFiles;
 pub use moment::moment;
+pub use sight::unseen;
 pub use textures::map_size;
 pub use tiles::{ANY_FACING, FACING_STRIDE, FACINGS, TILES, tile_of};
 pub use walk::{camera_nodes, chosen_scene};
@@ -76,7 +78,7 @@ pub struct DefaultTaken {
 }
 
 /// Camera and film of one request.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct View {
     /// Camera to world, relative to the origin; the camera looks along -Z.
     pub to_world: Affine3A,
@@ -87,13 +89,14 @@ pub struct View {
     /// Pixels down.
     pub height: u32,
     /// Reconstruction filter.
+    #[serde(with = "crate::pod::as_json")]
     pub filter: crate::params::Filter,
     /// Misses have alpha 0 and show nothing.
     pub transparent: bool,
 }
 
 /// Projection of a [`View`].
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Lens {
     /// Thin lens; a pinhole if the aperture is 0.
     Perspective {

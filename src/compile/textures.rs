@@ -141,12 +141,16 @@ fn reader(look: &Look, image: usize) -> Result<ImageReader<Cursor<&[u8]>>, Scene
     let mut reader = ImageReader::new(Cursor::new(&*image.bytes))
         .with_guessed_format()
         .map_err(|error| fault(SceneErrorKind::Malformed, &image.pointer, &error.to_string()))?;
+    reader.limits(limits());
+    Ok(reader)
+}
+
+fn limits() -> Limits {
     let mut limits = Limits::default();
     limits.max_image_width = Some(MAX_SIDE);
     limits.max_image_height = Some(MAX_SIDE);
     limits.max_alloc = Some(MAX_ALLOC);
-    reader.limits(limits);
-    Ok(reader)
+    limits
 }
 
 fn size(look: &Look, image: usize) -> Result<(u32, u32), SceneError> {
@@ -166,23 +170,40 @@ fn size(look: &Look, image: usize) -> Result<(u32, u32), SceneError> {
     Ok((width, height))
 }
 
-/// Pixels across and down of a map's header; none: it has no format of maps.
+/// Pixels across and down of a map; none: it has no format of maps.
 ///
 /// # Errors
-/// Its header cannot be read, or says more than `most` pixels.
+/// It cannot be decoded, or says in its header that it has more than `most` pixels.
 pub fn map_size(bytes: &[u8], most: u64) -> Option<Result<(u32, u32), String>> {
     let format = image::guess_format(bytes).ok()?;
     if !matches!(format, ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP) {
         return None;
     }
-    let size =
-        ImageReader::with_format(Cursor::new(bytes), format).into_dimensions().map_err(|error| error.to_string());
+    let open = || ImageReader::with_format(Cursor::new(bytes), format);
+    let size = open().into_dimensions().map_err(|error| why(&error));
     Some(size.and_then(|(width, height)| {
-        let fits = width.max(height) <= MAX_SIDE && u64::from(width) * u64::from(height) <= most;
-        let detail =
-            || format!("the image is {width} x {height}; at most {MAX_SIDE} a side and {most} in all are read");
-        if fits { Ok((width, height)) } else { Err(detail()) }
+        if width.max(height) > MAX_SIDE || u64::from(width) * u64::from(height) > most {
+            return Err(format!(
+                "the image is {width} x {height}; at most {MAX_SIDE} a side and {most} in all are read"
+            ));
+        }
+        // All of it, so that one that is cut off is refused here and not by each render that names it.
+        let mut reader = open();
+        reader.limits(limits());
+        reader.decode().map(|_| (width, height)).map_err(|error| why(&error))
     }))
+}
+
+/// What is wrong with an image, in words of those who made it.
+pub(super) fn why(error: &image::ImageError) -> String {
+    let said = error.to_string();
+    let is_cut = matches!(error, image::ImageError::IoError(error) if error.kind() == std::io::ErrorKind::UnexpectedEof)
+        || ["end of file", "EOF", "UnexpectedEnd", "fill whole buffer"].iter().any(|word| said.contains(word));
+    if is_cut {
+        "the image cannot be decoded: it ends before its last row, so it was cut off; send the whole file".to_owned()
+    } else {
+        format!("the image cannot be decoded: {said}; export it again as PNG, JPEG or WebP")
+    }
 }
 
 fn decoded(look: &Look, image: usize) -> Result<DynamicImage, SceneError> {
@@ -227,7 +248,7 @@ fn undecodable(pointer: &str, error: &image::ImageError) -> SceneError {
         image::ImageError::Unsupported(_) => SceneErrorKind::Invalid,
         _ => SceneErrorKind::Malformed,
     };
-    fault(kind, pointer, &format!("the image cannot be decoded: {error}; export it again as PNG, JPEG or WebP"))
+    fault(kind, pointer, &why(error))
 }
 
 /// A fault of a KTX2 file.

@@ -1,6 +1,7 @@
 //! From samples to a file: accumulation in replicates, the measured error, tone mapping, encoders.
 
 mod aov;
+mod changes;
 mod distance;
 mod encode;
 mod error;
@@ -11,6 +12,7 @@ mod tiles;
 pub mod tone_mapping;
 
 pub use aov::{Aov, Aovs};
+pub use changes::{Changes, Seen};
 pub use encode::{EncodeError, encode, encode_aov};
 pub use error::ErrorEstimate;
 pub use rates::{MOST, PILOT, STEPS};

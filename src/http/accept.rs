@@ -1,9 +1,8 @@
-//! Which format of a picture a client wants, and the header `Prefer`.
+//! Which format of a picture a client wants.
 
 use crate::jobs::{Code, Problem};
 use crate::params::ImageFormat;
 use axum::http::{HeaderMap, header};
-use std::time::Duration;
 
 /// The formats, with their media types.
 const FORMATS: [(ImageFormat, &str); 4] = [
@@ -57,14 +56,6 @@ fn quality(ranges: &[(String, f32)], name: &str) -> f32 {
     of(name).or_else(|| of("image/*")).or_else(|| of("*/*")).unwrap_or(0.0)
 }
 
-/// `Prefer: wait=N` (RFC 7240), at most `longest`.
-pub fn wait(headers: &HeaderMap, longest: Duration) -> Option<Duration> {
-    let lines = headers.get_all("prefer").iter().filter_map(|value| value.to_str().ok());
-    let mut preferences = lines.flat_map(|line| line.split([',', ';'])).map(str::trim);
-    let seconds = preferences.find_map(|p| value_of(p, "wait")?.trim_matches('"').parse().ok())?;
-    Some(Duration::from_secs(seconds).min(longest))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -87,17 +78,5 @@ mod tests {
         }
         assert_eq!(accept("image/webp;Q=0, */*"), Ok(ImageFormat::Png));
         assert_eq!(picture_format(&HeaderMap::new(), ImageFormat::Exr), Ok(ImageFormat::Exr));
-    }
-
-    #[test]
-    fn waiting_is_bounded() {
-        let mut headers = HeaderMap::new();
-        assert_eq!(wait(&headers, Duration::from_secs(9)), None);
-        headers.insert("prefer", "respond-async, wait=30".parse().unwrap());
-        assert_eq!(wait(&headers, Duration::from_secs(9)), Some(Duration::from_secs(9)));
-        for two in ["wait=2", "Wait = 2", "respond-async; WAIT=\"2\""] {
-            headers.insert("prefer", two.parse().unwrap());
-            assert_eq!(wait(&headers, Duration::from_secs(9)), Some(Duration::from_secs(2)), "{two}");
-        }
     }
 }

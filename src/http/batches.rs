@@ -1,16 +1,16 @@
 //! `/v1/batches`: many renders at once.
 
-use super::scenes::{Page, bad_cursor};
+use super::list::{self, Page};
+use super::prefer::Patience;
 use super::upload::{self, Text};
-use super::{App, accept, archive, caller, jobs, query};
-use crate::jobs::{Batch, BatchSubmission, Code, Item, ManifestError, Problem, from_lines, from_matrix};
+use super::{App, archive, caller, jobs, query};
+use crate::jobs::{BatchSubmission, Code, Item, ManifestError, Problem, from_lines, from_matrix};
 use axum::Json;
 use axum::body::Body;
 use axum::extract::{Path, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
-use serde_json::{Value, json};
-use std::time::Duration;
+use serde_json::Value;
 
 /// Bytes of a manifest.
 pub const MANIFEST_BYTES: usize = 4 << 20;
@@ -37,9 +37,7 @@ pub async fn create(State(app): State<App>, headers: HeaderMap, request: Request
         anew: jobs::wants_anew(&headers),
     };
     let batch = app.service.submit_batch(submission).await?;
-    let location =
-        HeaderValue::try_from(format!("/v1/batches/{}", batch.spec.id)).map(|value| [(header::LOCATION, value)]);
-    Ok((StatusCode::ACCEPTED, location.ok(), Json(batch.describe())).into_response())
+    Ok(jobs::accepted(&format!("/v1/batches/{}", batch.spec.id), batch.describe()))
 }
 
 fn read(kind: &str, text: &str, most: usize) -> Result<Vec<Item>, Problem> {
@@ -54,38 +52,19 @@ fn read(kind: &str, text: &str, most: usize) -> Result<Vec<Item>, Problem> {
 /// `GET /v1/batches`
 pub async fn list(State(app): State<App>, uri: Uri) -> Result<Json<Value>, Problem> {
     let page = Page::read(&uri)?;
-    let lost = |_| bad_cursor("there is no such batch, or it has been forgotten since");
-    let before = match &page.cursor {
-        Some(cursor) => Some(app.service.batch(cursor).await.map_err(lost)?),
-        None => None,
-    };
+    let service = &app.service;
+    let before = page.after(|id| async move { service.batch(&id).await }).await?;
     let (batches, more) = app.service.batches(before.as_deref(), page.count).await;
-    let next = batches.last().filter(|_| more).map(|batch| batch.spec.id.clone());
-    let items: Vec<_> = batches.iter().map(|batch| batch.summary()).collect();
-    Ok(Json(json!({ "items": items, "next": next })))
+    Ok(list::reply(&batches, more, |batch| &batch.spec.id, |batch| batch.summary()))
 }
 
 /// `GET /v1/batches/{id}`; `Prefer: wait=N` waits for its end.
 pub async fn show(State(app): State<App>, Path(id): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
     let batch = app.service.batch(&id).await?;
-    let longest = Duration::from_secs(app.service.limits().wait_seconds);
-    let Some(patience) = accept::wait(&headers, longest) else { return Ok(Json(batch.describe()).into_response()) };
-    let mut closed = app.service.closed();
-    tokio::select! {
-        _ = tokio::time::timeout(patience, batch.finished()) => {}
-        _ = closed.wait_for(|closed| *closed) => {}
-    }
-    let applied = HeaderValue::try_from(format!("wait={}", patience.as_secs()));
-    let applied = applied.map(|value| [("preference-applied", value)]);
-    Ok((applied.ok(), Json(describe_settled(&app, &batch.spec.id, &batch).await)).into_response())
-}
-
-/// As the ledger has it, if the batch is still known.
-async fn describe_settled(app: &App, id: &str, batch: &Batch) -> Value {
-    match app.service.batch(id).await {
-        Ok(batch) => batch.describe(),
-        Err(_) => batch.describe(),
-    }
+    let Some(patience) = Patience::of(&app, &headers) else { return Ok(Json(batch.describe()).into_response()) };
+    patience.wait_for(&app, batch.finished()).await;
+    batch.settled().await;
+    Ok(patience.note(Json(batch.describe()).into_response()))
 }
 
 /// `GET /v1/batches/{id}/results`: pictures as they are finished, in the order of the manifest.
@@ -105,4 +84,11 @@ pub async fn cancel(State(app): State<App>, Path(id): Path<String>) -> Result<Js
     let batch = app.service.batch(&id).await?;
     app.service.cancel_batch(&batch).await;
     Ok(Json(batch.describe()))
+}
+
+/// `DELETE /v1/batches/{id}`: ended if need be, and forgotten with its jobs.
+pub async fn remove(State(app): State<App>, Path(id): Path<String>) -> Result<StatusCode, Problem> {
+    let batch = app.service.batch(&id).await?;
+    app.service.remove_batch(&batch).await?;
+    Ok(StatusCode::NO_CONTENT)
 }

@@ -1,14 +1,13 @@
-//! `GET /v1/jobs/{id}/events`: the news of a job as Server-Sent Events.
+//! `GET /v1/jobs/{id}/events`, `GET /v1/batches/{id}/events`: news as Server-Sent Events.
 
 use super::App;
 use super::metrics::Counted;
-use crate::jobs::{Code, Event as News, EventLog, Job, Problem};
+use crate::jobs::{Code, Event as News, EventLog, Problem, describe_item};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use std::convert::Infallible;
-use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::ReceiverStream;
@@ -29,13 +28,50 @@ pub async fn stream(State(app): State<App>, Path(id): Path<String>, headers: Hea
     if job.is_over() && job.events.after(seen).is_empty() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
+    Ok(respond(&app, move |sender| async move {
+        let _audience = job.events.join_audience();
+        send_all(&job.events, seen, &sender).await;
+    }))
+}
+
+/// `GET /v1/batches/{id}/events`: each item once it and those before it are over, then the end; after `Last-Event-ID`, or all.
+pub async fn stream_batch(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let batch = app.service.batch(&id).await?;
+    let seen = usize::try_from(last_event(&headers)?).unwrap_or(usize::MAX);
+    if seen > batch.jobs.len() && batch.jobs.iter().all(|job| job.is_over()) {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    Ok(respond(&app, move |sender| async move {
+        for (index, job) in batch.jobs.iter().enumerate().skip(seen) {
+            job.finished().await;
+            let event = Event::default().id((index + 1).to_string()).event("item");
+            if sender.send(Ok(event.data(describe_item(job).to_string()))).await.is_err() {
+                return;
+            }
+        }
+        let event = Event::default().id((batch.jobs.len() + 1).to_string()).event("finished");
+        // Nobody may listen any more.
+        let _ = sender.send(Ok(event.data(batch.summary().to_string()))).await;
+    }))
+}
+
+/// A stream of what `send` sends, until it is done, nobody listens, or the service is over.
+fn respond<F>(app: &App, send: impl FnOnce(mpsc::Sender<Sent>) -> F) -> Response
+where
+    F: Future<Output = ()> + Send + 'static,
+{
     let (sender, receiver) = mpsc::channel(1);
     let counted = Counted::by(&app.traffic.streams);
+    let (sending, closed) = (send(sender.clone()), app.service.closed());
     tokio::spawn(async move {
         let _counted = counted;
-        follow(job, seen, app.service.closed(), sender).await;
+        until_the_end(sending, closed, sender).await;
     });
-    Ok(Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
+    Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response()
 }
 
 /// `Last-Event-ID`; none: from the beginning.
@@ -45,10 +81,11 @@ fn last_event(headers: &HeaderMap) -> Result<u64, Problem> {
     id.ok_or_else(|| Problem::new(Code::BadRequest, "`Last-Event-ID` must be the id of an event, a whole number"))
 }
 
-/// Sends events until the last one, until nobody listens, or until the service is over.
-async fn follow(job: Arc<Job>, seen: u64, mut closed: watch::Receiver<bool>, sender: mpsc::Sender<Sent>) {
-    let _audience = job.events.join_audience();
-    let sending = send_all(&job.events, seen, &sender);
+async fn until_the_end(
+    sending: impl Future<Output = ()>,
+    mut closed: watch::Receiver<bool>,
+    sender: mpsc::Sender<Sent>,
+) {
     tokio::pin!(sending);
     tokio::select! {
         () = &mut sending => return,

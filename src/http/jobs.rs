@@ -1,37 +1,32 @@
 //! `/v1/jobs`: renders that outlive the request that began them.
 
-use super::scenes::{Page, bad_cursor};
+use super::list::{self, Page};
+use super::prefer::Patience;
 use super::{App, accept, caller, picture, query, scenes, upload};
 use crate::film::Aov;
-use crate::jobs::{Code, Images, Job, Order, Problem, Stages, State as JobState, Submission};
-use crate::params::{self, FieldError, ImageFormat};
+use crate::jobs::{
+    Asked, Code, Images, Job, Order, Problem, Stages, State as JobState, Submission, Webhook, no_params,
+};
+use crate::params::{self, FieldError, ImageFormat, RenderParams};
 use axum::Json;
 use axum::extract::{Path, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::sync::Arc;
-use std::time::Duration;
 
 /// Body of `POST /v1/jobs`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct NewJob {
     scene: String,
-    #[serde(default)]
-    params: Option<Value>,
+    #[serde(default = "no_params")]
+    params: Value,
     #[serde(default)]
     priority: i32,
     #[serde(default)]
     webhook: Option<Webhook>,
-}
-
-/// Who is to be told of a job's end.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Webhook {
-    url: String,
 }
 
 /// `POST /v1/jobs`
@@ -65,29 +60,29 @@ async fn begin(
 ) -> Result<Response, Problem> {
     let [] = query::fields(request.uri(), [])?;
     let caller = caller(&request);
-    let (order, webhook) = read_order(&app, request).await?;
-    let webhook = webhook.map(|webhook| webhook.url);
-    let longest = Duration::from_secs(app.service.limits().wait_seconds);
-    let patience = accept::wait(headers, longest);
+    let anew = wants_anew(headers);
+    let body = upload::read_json(&app, request).await?;
+    let new: NewJob = params::read(&body).map_err(|fault| Problem::fields(Code::InvalidParams, vec![fault]))?;
+    let params = params::from_json(&new.params.to_string());
+    let params = params.map_err(|faults| Problem::fields(Code::InvalidParams, faults))?;
+    let (id_asked, key_asked) = (id.as_deref(), key.as_deref());
+    let asked = Asked { id: id_asked, key: key_asked, anew, scene: &new.scene, params: &params };
+    app.service.refuse_when_full(&asked)?;
+    let order = order(&app, &new.scene, params, new.priority).await?;
+    let webhook = new.webhook.map(|webhook| webhook.url);
+    let patience = Patience::of(&app, headers);
     if patience.is_some() {
         // A format that cannot be made is refused before the work, not after it.
         accept::picture_format(headers, order.params.output.format)?;
     }
-    let (anew, quota) = (wants_anew(headers), caller.renders_per_day);
+    let quota = caller.renders_per_day;
     let submission = Submission { id, key, anew, quota, webhook, ..Submission::new(order, caller.client) };
     let job = app.service.submit(submission).await?;
     job.settled().await;
-    let Some(patience) = patience else { return Ok(accepted(&app, &job)) };
-    let mut closed = app.service.closed();
-    let in_time = tokio::select! {
-        in_time = tokio::time::timeout(patience, job.finished()) => in_time.is_ok(),
-        _ = closed.wait_for(|closed| *closed) => false,
-    };
-    let mut reply = if in_time { finished(&app, &job, headers).await? } else { accepted(&app, &job) };
-    if let Ok(applied) = HeaderValue::try_from(format!("wait={}", patience.as_secs())) {
-        reply.headers_mut().insert("preference-applied", applied);
-    }
-    Ok(reply)
+    let accepted = || accepted(&format!("/v1/jobs/{}", job.spec.id), app.service.describe(&job));
+    let Some(patience) = patience else { return Ok(accepted()) };
+    let in_time = patience.wait_for(&app, job.finished()).await;
+    Ok(patience.note(if in_time { finished(&app, &job, headers).await? } else { accepted() }))
 }
 
 /// `Idempotency-Key`: any text of up to 255 visible characters.
@@ -104,23 +99,17 @@ pub fn wants_anew(headers: &HeaderMap) -> bool {
     lines.flat_map(|line| line.split(',')).any(|part| part.trim().eq_ignore_ascii_case("no-cache"))
 }
 
-/// 202 with the job as it stands.
-fn accepted(app: &App, job: &Job) -> Response {
-    let location = HeaderValue::try_from(format!("/v1/jobs/{}", job.spec.id)).map(|value| [(header::LOCATION, value)]);
-    (StatusCode::ACCEPTED, location.ok(), Json(app.service.describe(job))).into_response()
+/// 202 with what was accepted as it stands, and its address.
+pub fn accepted(location: &str, body: Value) -> Response {
+    let location = HeaderValue::try_from(location).map(|value| [(header::LOCATION, value)]);
+    (StatusCode::ACCEPTED, location.ok(), Json(body)).into_response()
 }
 
-async fn read_order(app: &App, request: Request) -> Result<(Order, Option<Webhook>), Problem> {
-    let body = upload::read_json(app, request).await?;
-    let new: NewJob = params::read(&body).map_err(|fault| Problem::fields(Code::InvalidParams, vec![fault]))?;
-    let text = new.params.map_or_else(|| "{}".to_owned(), |params| params.to_string());
-    let mut params = params::from_json(&text).map_err(|faults| Problem::fields(Code::InvalidParams, faults))?;
-    let scene = app.service.scene(&new.scene).await?.ok_or_else(|| Problem {
-        errors: vec![FieldError::new("/scene", "unknown scene")],
-        ..scenes::unknown(&new.scene)
-    })?;
+async fn order(app: &App, scene: &str, mut params: RenderParams, priority: i32) -> Result<Order, Problem> {
+    let unknown = || Problem { errors: vec![FieldError::new("/scene", "unknown scene")], ..scenes::unknown(scene) };
+    let scene = app.service.scene(scene).await?.ok_or_else(unknown)?;
     let Images { environment: hdri, maps } = app.service.take_images(&mut params, &mut Vec::new()).await?;
-    Ok((Order { scene, hdri, maps, params, priority: new.priority, stages: Stages::default() }, new.webhook))
+    Ok(Order { scene, hdri, maps, params, priority, stages: Stages::default() })
 }
 
 /// The reply to a request that waited for its job: the picture, or why there is none.
@@ -136,15 +125,10 @@ pub async fn finished(app: &App, job: &Job, headers: &HeaderMap) -> Result<Respo
 /// `GET /v1/jobs`
 pub async fn list(State(app): State<App>, uri: Uri) -> Result<Json<Value>, Problem> {
     let page = Page::read(&uri)?;
-    let lost = |_| bad_cursor("there is no such job, or it has been forgotten since");
-    let before = match &page.cursor {
-        Some(cursor) => Some(app.service.job(cursor).await.map_err(lost)?),
-        None => None,
-    };
+    let service = &app.service;
+    let before = page.after(|id| async move { service.job(&id).await }).await?;
     let (jobs, more) = app.service.jobs(before.as_deref(), page.count).await;
-    let next = jobs.last().filter(|_| more).map(|job| job.spec.id.clone());
-    let items: Vec<_> = jobs.iter().map(|job| app.service.describe(job)).collect();
-    Ok(Json(json!({ "items": items, "next": next })))
+    Ok(list::reply(&jobs, more, |job| &job.spec.id, |job| app.service.describe(job)))
 }
 
 /// `GET /v1/jobs/{id}`
@@ -210,6 +194,13 @@ pub async fn cancel(State(app): State<App>, Path(id): Path<String>) -> Result<Js
     let job = app.service.job(&id).await?;
     app.service.cancel(&job).await;
     Ok(Json(app.service.describe(&job)))
+}
+
+/// `DELETE /v1/jobs/{id}`: ended if need be, and forgotten with its result.
+pub async fn remove(State(app): State<App>, Path(id): Path<String>) -> Result<StatusCode, Problem> {
+    let job = app.service.job(&id).await?;
+    app.service.remove_job(&job).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// Cancels a job when the client that waits for it goes away.

@@ -32,7 +32,7 @@ pub async fn render(State(app): State<App>, request: Request) -> Result<Response
 
     let Images { environment: hdri, maps } = app.service.take_images(&mut params, &mut upload.files).await?;
     let importing = Instant::now();
-    let (scene, _) = app.service.add_scene(upload.files).await?;
+    let (scene, _) = app.service.add_scene(upload.files, true).await?;
     let stages = Stages { upload: uploaded, import: importing.elapsed().as_secs_f64(), ..Stages::default() };
 
     let order = Order { scene, hdri, maps, params, priority: 0, stages };

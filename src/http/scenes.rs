@@ -1,9 +1,9 @@
 //! `/v1/scenes`: upload once, render often.
 
+use super::App;
+use super::list::{self, Page};
 use super::upload::{self, Kinds, Upload};
-use super::{App, query};
 use crate::jobs::{Code, Problem, SceneRow};
-use crate::params::FieldError;
 use axum::Json;
 use axum::extract::{Path, Request, State};
 use axum::http::{HeaderValue, StatusCode, Uri, header};
@@ -21,41 +21,11 @@ const KINDS: Kinds = Kinds {
            model/gltf+json or application/zip",
 };
 
-/// Where a page of a list begins, and how long it is.
-#[derive(Debug)]
-pub struct Page {
-    /// What the page before gave as `next`.
-    pub cursor: Option<String>,
-    /// 1 to 100.
-    pub count: usize,
-}
-
-impl Page {
-    /// The fields `cursor` and `limit` of a query.
-    pub fn read(uri: &Uri) -> Result<Self, Problem> {
-        let [cursor, limit] = query::fields(uri, ["cursor", "limit"])?;
-        let limit = limit.unwrap_or_else(|| "20".to_owned());
-        match limit.parse() {
-            Ok(count @ 1..=100) => Ok(Self { cursor, count }),
-            _ => {
-                let limit: String = limit.chars().take(40).collect();
-                Err(query::fault("limit", format!("must be a whole number from 1 to 100, and is `{limit}`")))
-            }
-        }
-    }
-}
-
-/// The fault of a cursor that leads nowhere.
-pub fn bad_cursor(why: &str) -> Problem {
-    let detail = format!("{why}: give the `next` of the page before, or no cursor to begin again");
-    Problem { errors: vec![FieldError::new("/cursor", why)], ..Problem::new(Code::BadCursor, detail) }
-}
-
 /// `POST /v1/scenes`
 pub async fn create(State(app): State<App>, request: Request) -> Result<Response, Problem> {
     let upload = upload::read(&app, &KINDS, request).await?;
     let files = some_file(upload, &KINDS)?.files;
-    let (scene, new) = app.service.add_scene(files).await?;
+    let (scene, new) = app.service.add_scene(files, false).await?;
     Ok(created(new, format!("/v1/scenes/{}", scene.id), scene.describe()))
 }
 
@@ -84,12 +54,11 @@ pub fn created(new: bool, location: String, body: Value) -> Response {
 pub async fn list(State(app): State<App>, uri: Uri) -> Result<Json<Value>, Problem> {
     let page = Page::read(&uri)?;
     if page.cursor.as_ref().is_some_and(|cursor| !cursor.starts_with("sha256-")) {
-        return Err(bad_cursor("this is no cursor of this list"));
+        return Err(list::bad_cursor());
     }
     let (scenes, more) = app.service.scenes(page.cursor.as_deref().unwrap_or_default(), page.count).await?;
-    let next = scenes.last().filter(|_| more).map(|scene| scene.id.clone());
     let row = |scene: &SceneRow| json!({ "id": scene.id, "upload_bytes": scene.upload_bytes });
-    Ok(Json(json!({ "items": scenes.iter().map(row).collect::<Vec<_>>(), "next": next })))
+    Ok(list::reply(&scenes, more, |scene| &scene.id, row))
 }
 
 /// `GET /v1/scenes/{id}`

@@ -9,7 +9,7 @@ use super::problem::{Code, Problem};
 use super::scenes::content_id;
 use super::state::State;
 use super::submit::content;
-use super::table::BatchAdmission;
+use super::table::Admission;
 use crate::params::{FieldError, RenderParams};
 use serde_json::{Value, json};
 use std::collections::HashSet;
@@ -68,7 +68,8 @@ impl Batch {
         }
     }
 
-    async fn settled(&self) {
+    /// Waits until the ledger has all that has happened so far.
+    pub async fn settled(&self) {
         for job in &self.jobs {
             job.settled().await;
         }
@@ -91,7 +92,7 @@ impl Batch {
             "state": state,
             "created_unix": self.spec.created as f64 / 1e3,
             "counts": counts,
-            "links": { "self": link(""), "results": link("/results"), "cancel": link("/cancel") },
+            "links": { "self": link(""), "events": link("/events"), "results": link("/results"), "cancel": link("/cancel") },
         })
     }
 
@@ -145,7 +146,7 @@ impl Service {
             (jobs, ledger.commit(super::ledger::Change::Batch(spec, rows)))
         });
         match admission {
-            BatchAdmission::New(batch, sent) => {
+            Admission::New(batch, sent) => {
                 let taken_by_ledger = self.core.storage.accepted(sent).await;
                 self.accept_batch(&batch, taken_by_ledger)?;
                 taken.keep();
@@ -154,15 +155,15 @@ impl Service {
                 tokio::spawn(self.clone().feed(work, shares));
                 Ok(batch)
             }
-            BatchAdmission::SameKey(batch) if batch.spec.content == content => {
+            Admission::SameKey(batch) if batch.spec.content == content => {
                 batch.settled().await;
                 Ok(batch)
             }
-            BatchAdmission::SameKey(batch) => {
+            Admission::SameId(batch) | Admission::SameKey(batch) => {
                 let detail = format!("this Idempotency-Key began `{}`, which asks for something else", batch.spec.id);
                 Err(Problem::new(Code::IdempotencyMismatch, detail))
             }
-            BatchAdmission::Full(waiting) => {
+            Admission::Full(waiting) => {
                 let detail =
                     format!("{waiting} jobs of batches wait, and {most} may (GET /v1/limits, batch_queue_length)");
                 Err(Problem::new(Code::QueueFull, detail).retry_after(BATCH_RETRY_SECONDS))
@@ -181,8 +182,7 @@ impl Service {
             }
             Ok(false) => {
                 let numbers: Vec<i64> = batch.jobs.iter().map(|job| job.spec.number).collect();
-                self.core.table.forget(&numbers);
-                self.core.table.forget_batches(&[batch.spec.number]);
+                self.core.table.forget(&numbers, &[batch.spec.number]);
                 let detail = "a scene or an image of this batch has just been forgotten: upload it again";
                 Err(Problem::new(Code::SceneNotFound, detail))
             }
@@ -206,6 +206,7 @@ impl Service {
                 Problem { errors, detail: format!("item {index} (`{}`): {}", item.name, problem.detail), ..problem }
             };
             self.check(&item.params, item.priority).map_err(place)?;
+            self.check_webhook(item.webhook.as_deref()).map_err(place)?;
             if scenes.insert(&item.scene) && !self.core.storage.offers_scene(&item.scene).await? {
                 let detail = format!("there is no scene `{}`; scenes not used for long are forgotten", item.scene);
                 let errors = vec![FieldError::new("/scene", "unknown scene")];
@@ -290,12 +291,14 @@ fn spec_of(item: Item, index: u32, client: &str) -> Spec {
         client: client.to_owned(),
         attended: false,
         place: Some(Place { batch: 0, item: index, name: item.name }),
-        webhook: None,
+        webhook: item.webhook,
     }
 }
 
 /// Of everything that a manifest says.
 fn batch_content(jobs: &[Spec]) -> String {
-    let line = |job: &Spec| json!([job.place.as_ref().map(|place| &place.name), job.scene, job.params, job.priority]);
+    let line = |job: &Spec| {
+        json!([job.place.as_ref().map(|place| &place.name), job.scene, job.params, job.priority, job.webhook])
+    };
     content_id(jobs.iter().map(line).collect::<Value>().to_string().as_bytes())
 }

@@ -36,9 +36,14 @@ fn invalid(pointer: String, detail: String) -> Problem {
 
 impl Service {
     /// Imports the files (name, bytes) of a glTF, unless they are at hand, and keeps them. Says whether the scene is new.
-    pub async fn add_scene(&self, parts: Vec<(String, Vec<u8>)>) -> Result<(Arc<StoredScene>, bool), Problem> {
+    /// `to_render`: a scene that is not at hand is refused while the queue is full.
+    pub async fn add_scene(
+        &self,
+        parts: Vec<(String, Vec<u8>)>,
+        to_render: bool,
+    ) -> Result<(Arc<StoredScene>, bool), Problem> {
         let upload_bytes = parts.iter().map(|(_, bytes)| bytes.len() as u64).sum();
-        let (scene, package) = self.import(parts, upload_bytes).await?;
+        let (scene, package) = self.import(parts, upload_bytes, to_render).await?;
         let new = self.core.storage.store_scene(&scene.id, upload_bytes, package.files()).await?;
         Ok((scene, new))
     }
@@ -47,10 +52,14 @@ impl Service {
         &self,
         parts: Vec<(String, Vec<u8>)>,
         upload_bytes: u64,
+        to_render: bool,
     ) -> Result<(Arc<StoredScene>, Package), Problem> {
         let limits = self.core.limits.scene();
         let held: u64 = parts.iter().map(|(_, bytes)| bytes.len() as u64).sum();
-        let memory = self.import_memory(limits.import_memory(held, Package::is_packed(&parts))).await;
+        // A process that reads it first needs as much.
+        let copies = 1 + u64::from(self.core.trial.get().is_some());
+        let needed = limits.import_memory(held, Package::is_packed(&parts));
+        let memory = self.import_memory(needed.saturating_mul(copies)).await;
         let service = self.clone();
         self.at_desk(move || {
             // Held until the work has ended, whether or not anybody still waits for it.
@@ -59,6 +68,12 @@ impl Service {
             let id = package.id();
             if let Some(present) = service.core.scenes.get(&id) {
                 return Ok((present, package));
+            }
+            if to_render {
+                service.refuse_without_a_place()?;
+            }
+            if let Some(trial) = service.core.trial.get() {
+                trial.hold(&package, &limits)?;
             }
             let scene = scene::import(&package, &limits)?;
             let (scene, _) = service.core.scenes.insert(StoredScene::new(id, scene, upload_bytes));
@@ -78,7 +93,7 @@ impl Service {
             return Ok(Some(present));
         }
         match self.core.storage.scene(id).await? {
-            Some(found) => Ok(Some(self.import(found.files, found.row.upload_bytes).await?.0)),
+            Some(found) => Ok(Some(self.import(found.files, found.row.upload_bytes, false).await?.0)),
             None => Ok(None),
         }
     }

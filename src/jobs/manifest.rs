@@ -13,7 +13,7 @@ const MOST_FAULTS: usize = 20;
 const LONGEST_NAME: usize = 100;
 
 /// One render of a manifest.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Item {
     /// Of its file, without the extension; no two are alike, in whatever case.
     pub name: String,
@@ -23,6 +23,16 @@ pub struct Item {
     pub params: RenderParams,
     /// -100 to 100.
     pub priority: i32,
+    /// Address that is told of its end.
+    pub webhook: Option<String>,
+}
+
+/// Who is to be told of a job's end.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Webhook {
+    /// Where the message goes.
+    pub url: String,
 }
 
 /// Why a manifest is not read.
@@ -40,10 +50,17 @@ struct Line {
     scene: String,
     #[serde(default)]
     name: Option<String>,
-    #[serde(default)]
-    params: Option<Value>,
+    #[serde(default = "no_params")]
+    params: Value,
     #[serde(default)]
     priority: i32,
+    #[serde(default)]
+    webhook: Option<Webhook>,
+}
+
+/// What `params` are where they are left out; null is not the same, and refused.
+pub fn no_params() -> Value {
+    Value::Object(serde_json::Map::new())
 }
 
 /// Each scene with each camera, variant and set of lights; an axis that is left out has one place, as `params` say.
@@ -51,8 +68,8 @@ struct Line {
 #[serde(deny_unknown_fields)]
 struct Matrix {
     scenes: Vec<String>,
-    #[serde(default)]
-    params: Option<Value>,
+    #[serde(default = "no_params")]
+    params: Value,
     #[serde(default)]
     cameras: Vec<Value>,
     #[serde(default)]
@@ -61,6 +78,8 @@ struct Matrix {
     lights: Vec<Value>,
     #[serde(default)]
     priority: i32,
+    #[serde(default)]
+    webhook: Option<Webhook>,
 }
 
 /// Reads either form: a matrix is one JSON object that has `scenes`.
@@ -98,8 +117,13 @@ pub fn from_lines(text: &str, most: usize) -> Result<Vec<Item>, ManifestError> {
         };
         match params::read::<Line>(&value) {
             Ok(line) => {
-                let name = line.name.unwrap_or_else(|| format!("{index:04}"));
-                draft.add(&root, name, line.scene, &line.params.unwrap_or_default(), line.priority);
+                let Line { scene, name, params, priority, webhook } = line;
+                let name = name.unwrap_or_else(|| format!("{index:04}"));
+                draft.add(
+                    &root,
+                    &params,
+                    Item { name, scene, priority, webhook: webhook.map(|hook| hook.url), ..Item::default() },
+                );
             }
             Err(fault) => draft.faults.push(below(&root, fault)),
         }
@@ -128,7 +152,7 @@ pub fn from_matrix(value: &Value, most: usize) -> Result<Vec<Item>, ManifestErro
         let [lights, variant, camera] =
             [place(matrix.lights.len()), place(matrix.variants.len()), place(matrix.cameras.len())];
         let scene = place(matrix.scenes.len());
-        let mut params = matrix.params.clone().unwrap_or_else(|| Value::Object(serde_json::Map::new()));
+        let mut params = matrix.params.clone();
         let mut parts = Vec::new();
         if matrix.scenes.len() > 1 {
             parts.push(format!("scene{scene}"));
@@ -145,7 +169,9 @@ pub fn from_matrix(value: &Value, most: usize) -> Result<Vec<Item>, ManifestErro
         }
         let name = if parts.is_empty() { "picture".to_owned() } else { parts.join("_") };
         let scene = matrix.scenes.get(scene).cloned().unwrap_or_default();
-        draft.add(&format!("/items/{index}"), name, scene, &params, matrix.priority);
+        let webhook = matrix.webhook.as_ref().map(|webhook| webhook.url.clone());
+        let item = Item { name, scene, priority: matrix.priority, webhook, ..Item::default() };
+        draft.add(&format!("/items/{index}"), &params, item);
     }
     draft.finish()
 }
@@ -167,10 +193,12 @@ struct Draft {
 }
 
 impl Draft {
-    fn add(&mut self, root: &str, name: String, scene: String, params: &Value, priority: i32) {
+    /// Adds an item, whose parameters are still JSON.
+    fn add(&mut self, root: &str, params: &Value, item: Item) {
         if self.faults.len() >= MOST_FAULTS {
             return;
         }
+        let name = &item.name;
         let plain = name.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.'));
         if !plain || !name.starts_with(|c: char| c.is_ascii_alphanumeric()) || name.len() > LONGEST_NAME {
             let detail = format!(
@@ -181,9 +209,8 @@ impl Draft {
             let detail = format!("another item is named `{name}` (files of such names may be one)");
             self.faults.push(FieldError::new(format!("{root}/name"), detail));
         }
-        let text = if params.is_null() { "{}".to_owned() } else { params.to_string() };
-        match params::from_json(&text) {
-            Ok(params) => self.items.push(Item { name, scene, params, priority }),
+        match params::from_json(&params.to_string()) {
+            Ok(params) => self.items.push(Item { params, ..item }),
             Err(faults) => self.faults.extend(faults.into_iter().map(|fault| below(root, fault))),
         }
     }

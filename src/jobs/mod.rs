@@ -11,6 +11,8 @@ mod compile;
 mod describe;
 mod events;
 mod finish;
+mod forget;
+mod index;
 mod job;
 mod ledger;
 mod library;
@@ -20,6 +22,7 @@ mod meters;
 mod outcome;
 mod problem;
 mod progress;
+mod results;
 mod resume;
 mod saved;
 mod scenes;
@@ -30,6 +33,7 @@ mod store;
 mod submit;
 mod table;
 mod tidy;
+mod trial;
 mod usage;
 mod webhooks;
 mod worker;
@@ -40,7 +44,7 @@ pub use events::{Event, EventKind, EventLog};
 pub use job::{Job, Order};
 pub use ledger::SceneRow;
 pub use library::Images;
-pub use manifest::{Item, ManifestError, from_lines, from_matrix, read as read_manifest};
+pub use manifest::{Item, ManifestError, Webhook, from_lines, from_matrix, no_params, read as read_manifest};
 pub use memory::film_bytes;
 pub use meters::Meters;
 pub use outcome::{Encoded, Outcome, Preview, Record};
@@ -50,16 +54,14 @@ pub use scenes::{StoredImage, StoredScene};
 pub use state::State;
 pub use storage::{StorageError, audit_folder};
 pub use store::{Store, Stored};
-pub use submit::Submission;
+pub use submit::{Asked, Submission};
+pub use trial::Trial;
 pub use webhooks::Webhooks;
 pub use worker::EngineFactory;
 
 use crate::config::Limits;
-use crate::film::Aov;
-use crate::params::ImageFormat;
 use crate::render::RenderError;
 use memory::Budget;
-use outcome::Developed;
 use saved::SavedFilm;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -118,6 +120,7 @@ struct Core {
     draining: AtomicBool,
     closed: watch::Sender<bool>,
     webhooks: OnceLock<Webhooks>,
+    trial: OnceLock<Trial>,
 }
 
 impl Service {
@@ -175,6 +178,7 @@ impl Service {
                 draining: AtomicBool::new(false),
                 closed: watch::Sender::new(false),
                 webhooks: OnceLock::new(),
+                trial: OnceLock::new(),
                 limits,
             }),
         };
@@ -194,6 +198,12 @@ impl Service {
         if self.core.webhooks.set(webhooks.clone()).is_ok() {
             tokio::spawn(webhooks::deliver(Arc::downgrade(&self.core), webhooks));
         }
+    }
+
+    /// Has scenes read by a process of its own first, from now on.
+    pub fn try_scenes(&self, trial: Trial) {
+        // The first one stays.
+        let _ = self.core.trial.set(trial);
     }
 
     /// Runs work that needs a core for long, when there is a place for it. Its panic becomes a problem.
@@ -271,32 +281,6 @@ impl Service {
         if job.cancel() {
             self.core.tidy.notify_one();
         }
-    }
-
-    /// The picture of a job in a format.
-    pub async fn result(&self, job: &Job, format: ImageFormat) -> Result<Encoded, Problem> {
-        let outcome = job.outcome().ok_or_else(|| no_result(job))?;
-        if job.spec.params.output.format == format {
-            let bytes = self.core.storage.get(&outcome.file.id).await?;
-            return Ok(Encoded { bytes, format, etag: format!("\"{}\"", outcome.file.id) });
-        }
-        let (developed, spec) = (self.core.storage.get(&outcome.picture.id).await?, Arc::clone(&job.spec));
-        self.at_desk(move || {
-            let developed = Developed::from_bytes(&developed).ok_or_else(old_result)?;
-            finish::encode(&developed.picture, &spec.params, format, &outcome.record.facts)
-        })
-        .await
-    }
-
-    /// What is known of each pixel of a job's picture, as EXR.
-    pub async fn aov(&self, job: &Job, aov: Aov) -> Result<Encoded, Problem> {
-        let outcome = job.outcome().ok_or_else(|| no_result(job))?;
-        let developed = self.core.storage.get(&outcome.picture.id).await?;
-        self.at_desk(move || {
-            let developed = Developed::from_bytes(&developed).ok_or_else(old_result)?;
-            finish::encode_aov(&developed, aov, &outcome.record)
-        })
-        .await
     }
 
     /// Whether new jobs are refused.
@@ -392,22 +376,6 @@ async fn start_worker(shared: Arc<Shared>, factory: EngineFactory) -> Result<mps
     });
     start.await.unwrap_or_else(|_| Err(RenderError::NoAdapter("the engine failed to start".into())))?;
     Ok(worker)
-}
-
-fn no_result(job: &Job) -> Problem {
-    match job.state() {
-        State::Failed => {
-            let reason = job.problem().map(|problem| problem.detail).unwrap_or_default();
-            Problem::new(Code::JobFailed, format!("the job failed and has no result: {reason}"))
-        }
-        State::Cancelled => Problem::new(Code::JobCancelled, "the job was cancelled and has no result"),
-        _ => Problem::new(Code::NotFinished, "the job is still under way; wait for `completed` in its events"),
-    }
-}
-
-fn old_result() -> Problem {
-    let detail = "another version of the server made this result, and can no longer be read but in its own format";
-    Problem::new(Code::NotAcceptable, detail)
 }
 
 /// Bytes in whole MiB, at least one.

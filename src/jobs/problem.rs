@@ -96,6 +96,8 @@ codes! {
     IdempotencyMismatch = "idempotency_mismatch", 422, "The idempotency key belongs to another request";
     /// The image cannot be decoded.
     InvalidImage = "invalid_image", 422, "The image cannot be read";
+    /// What reads scenes did not get through it.
+    ImportFailed = "import_failed", 422, "The scene could not be imported";
     /// The scene does not fit the device or the memory of a job.
     RenderTooLarge = "render_too_large", 422, "The render does not fit this server";
     /// A fault of the server.
@@ -168,7 +170,9 @@ impl From<SceneError> for Problem {
             SceneErrorKind::Invalid => (422, "The scene cannot be rendered"),
             SceneErrorKind::TooLarge => (413, "The scene is beyond a limit of this server"),
         };
-        let place = FieldError { pointer: format!("/scene{}", error.pointer), detail: error.detail.clone() };
+        // Maps of a request have their places in its parameters.
+        let root = if error.pointer.starts_with("/params/") { "" } else { "/scene" };
+        let place = FieldError { pointer: format!("{root}{}", error.pointer), detail: error.detail.clone() };
         Self { errors: vec![place], ..Self::build(error.code, status, title, error.detail) }
     }
 }

@@ -236,7 +236,7 @@ impl Storage {
         let _gate = self.gate.write().await;
         let leaving = self.ledger.ask(move |c| Leaving::choose(c, &kept)).await.map_err(|error| fault(&error))?;
         if !leaving.is_empty() {
-            self.commit(Change::Forget(leaving.clone())).await?;
+            self.forget(&leaving).await?;
         }
         let unused = self.ledger.ask(unused_blobs).await.map_err(|error| fault(&error))?;
         if !unused.is_empty() {
@@ -247,6 +247,11 @@ impl Storage {
             self.blobs.delete(id).await.map_err(|error| fault(&error))?;
         }
         Ok(leaving)
+    }
+
+    /// Forgets jobs that are over, batches and uploads.
+    pub async fn forget(&self, leaving: &Leaving) -> Result<(), Problem> {
+        self.commit(Change::Forget(leaving.clone())).await
     }
 
     async fn put(&self, bytes: Bytes) -> Result<BlobRef, Problem> {

@@ -39,6 +39,21 @@ impl Submission {
     }
 }
 
+/// What is known of a request before its scene is looked up.
+#[derive(Debug, Clone, Copy)]
+pub struct Asked<'a> {
+    /// As of [`Submission`].
+    pub id: Option<&'a str>,
+    /// As of [`Submission`].
+    pub key: Option<&'a str>,
+    /// As of [`Submission`].
+    pub anew: bool,
+    /// Id of the scene.
+    pub scene: &'a str,
+    /// Parameters.
+    pub params: &'a RenderParams,
+}
+
 impl Service {
     /// Accepts a job once the ledger has it, or refuses it at once. A job that is there already is handed out again.
     pub async fn submit(&self, submission: Submission) -> Result<Arc<Job>, Problem> {
@@ -85,11 +100,31 @@ impl Service {
                 let detail = format!("this Idempotency-Key began `{}`, which asks for something else", job.spec.id);
                 Err(Problem::new(Code::IdempotencyMismatch, detail))
             }
-            Admission::Full => {
-                let detail = format!("{} jobs are waiting already; try again later", self.core.limits.queue_length);
-                Err(Problem::new(Code::QueueFull, detail).retry_after(RETRY_SECONDS))
-            }
+            Admission::Full(_) => Err(self.queue_full()),
         }
+    }
+
+    /// Refuses what [`Service::submit`] would refuse for want of a place, before anything is looked up or imported for it:
+    /// whoever asks too much costs as little as can be.
+    ///
+    /// # Errors
+    /// The queue is full, and no job of that id or key, nor a result of what is asked for, is at hand.
+    pub fn refuse_when_full(&self, asked: &Asked<'_>) -> Result<(), Problem> {
+        let &Asked { id, key, anew, scene, params } = asked;
+        // The name of an environment is its id, unless it came as a file of the same form, which no result can have used.
+        let shares = self.core.limits.result_cache && !anew;
+        let content = shares.then(|| content(scene, params.hdri_name(), params));
+        if self.core.table.refuses(id, key, content.as_deref()) { Err(self.queue_full()) } else { Ok(()) }
+    }
+
+    /// Refuses what is new in every respect while the queue is full.
+    pub(super) fn refuse_without_a_place(&self) -> Result<(), Problem> {
+        if self.core.table.refuses(None, None, None) { Err(self.queue_full()) } else { Ok(()) }
+    }
+
+    fn queue_full(&self) -> Problem {
+        let detail = format!("{} jobs are waiting already; try again later", self.core.limits.queue_length);
+        Problem::new(Code::QueueFull, detail).retry_after(RETRY_SECONDS)
     }
 
     /// Waits for the ledger, then begins the work.
@@ -108,7 +143,7 @@ impl Service {
                 job.events.publish(1);
             }
             Ok(false) => {
-                self.core.table.forget(&[job.spec.number]);
+                self.core.table.forget(&[job.spec.number], &[]);
                 let detail =
                     format!("the scene `{}` or its image has just been forgotten: upload it again", job.spec.scene);
                 return Err(Problem::new(Code::SceneNotFound, detail));
@@ -136,7 +171,8 @@ impl Service {
         served
     }
 
-    fn check_webhook(&self, url: Option<&str>) -> Result<(), Problem> {
+    /// Whether webhooks are sent, and to that address.
+    pub(super) fn check_webhook(&self, url: Option<&str>) -> Result<(), Problem> {
         match (url, self.core.webhooks.get()) {
             (None, _) => Ok(()),
             (Some(url), Some(webhooks)) => webhooks.check(url),

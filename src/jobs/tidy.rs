@@ -4,10 +4,13 @@ use super::Core;
 use super::ledger::Kept;
 use crate::config::Limits;
 use std::sync::{Arc, Weak};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Time between two looks for what has become too old.
 const TIDY_PERIOD: Duration = Duration::from_secs(60);
+
+/// Part of the time that tidying may take: 1 in 20. It looks at all that is kept, and the ledger does nothing else meanwhile.
+const SHARE: u32 = 20;
 
 /// Lets go of old jobs and uploads, whenever jobs have ended and now and then besides, until the service is gone.
 pub(super) async fn keep_tidy(core: Weak<Core>) {
@@ -15,9 +18,9 @@ pub(super) async fn keep_tidy(core: Weak<Core>) {
         let Some(tidy) = core.upgrade().map(|core| Arc::clone(&core.tidy)) else { return };
         let _ = tokio::time::timeout(TIDY_PERIOD, tidy.notified()).await;
         let Some(core) = core.upgrade() else { return };
+        let begun = Instant::now();
         if let Ok(left) = core.storage.tidy(kept(&core.limits, core.storage.is_durable())).await {
-            core.table.forget(&left.jobs);
-            core.table.forget_batches(&left.batches);
+            core.table.forget(&left.jobs, &left.batches);
             for id in &left.scenes {
                 core.scenes.remove(id);
             }
@@ -25,6 +28,8 @@ pub(super) async fn keep_tidy(core: Weak<Core>) {
                 core.images.remove(id);
             }
         }
+        drop(core);
+        tokio::time::sleep(begun.elapsed() * (SHARE - 1)).await;
     }
 }
 

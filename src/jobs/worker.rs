@@ -193,7 +193,13 @@ impl Worker {
         let now = Instant::now();
         ready.stages.queue = (seconds(ready.job.accepted.elapsed()) - ready.stages.compile).max(0.0);
         let saved = ready.saved.take();
-        match self.go_on(&ready.prepared.work, saved) {
+        let mut begun = self.go_on(&ready.prepared.work, saved);
+        if let Err(Fault::Render(RenderError::DeviceLost(_))) = begun {
+            // It may have been lost since it was used last.
+            self.recover(None);
+            begun = self.go_on(&ready.prepared.work, None);
+        }
+        match begun {
             Ok((render, before)) => {
                 ready.stages.device_upload = seconds(now.elapsed());
                 if ready.job.start(&render.device().name) {
@@ -201,8 +207,8 @@ impl Worker {
                 }
             }
             Err(Fault::Render(RenderError::DeviceLost(detail))) => {
-                self.fail(&ready.job, Problem::new(Code::DeviceUnavailable, detail));
-                self.recover();
+                self.fail(&ready.job, Problem::new(Code::DeviceUnavailable, detail).retry_after(10));
+                self.recover(None);
             }
             Err(fault) => self.fail(&ready.job, fault.into()),
         }
@@ -264,7 +270,7 @@ impl Worker {
                 active.save_if_due(&self.shared);
             }
             Ok(Some(reason)) => self.end(turn, reason),
-            Err(Fault::Render(RenderError::DeviceLost(_))) => self.recover(),
+            Err(Fault::Render(RenderError::DeviceLost(_))) => self.recover(Some(turn)),
             Err(fault) => {
                 let active = self.active.swap_remove(turn);
                 self.fail(&active.ready.job, fault.into());
@@ -303,18 +309,19 @@ impl Worker {
         self.shared.runtime.spawn_blocking(move || finish::finish(ended, &shared));
     }
 
-    /// The device is lost, and with it every render: makes a new one and goes on from the films.
-    fn recover(&mut self) {
+    /// The device is lost, and with it every render: makes a new one and goes on from the films. `turn`: the render that met
+    /// the loss; if it does so often, it is taken for the cause.
+    fn recover(&mut self, turn: Option<usize>) {
         self.engine = None;
         self.shared.meters.lost.inc();
-        for mut active in std::mem::take(&mut self.active) {
-            active.losses += 1;
+        for (place, mut active) in std::mem::take(&mut self.active).into_iter().enumerate() {
+            active.losses += u32::from(turn == Some(place));
             let Ok(film) = guarded(|| Ok(active.render.into_film())) else {
                 self.fail(&active.ready.job, Fault::Panic.into());
                 continue;
             };
             let again = if active.losses > LOSSES {
-                Err(Fault::Render(RenderError::DeviceLost(format!("lost {LOSSES} times during this job"))))
+                Err(Fault::Render(RenderError::DeviceLost(format!("lost more than {LOSSES} times during this job"))))
             } else {
                 self.engine_begin(&active.ready.prepared.work, Some(film))
             };

@@ -11,6 +11,7 @@ mod query;
 mod strict;
 mod surfaces;
 mod validate;
+mod wording;
 
 pub use lights::{LightParams, SpotFalloff};
 pub use parse::{from_json, from_json_and_query, from_query, read};

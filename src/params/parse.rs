@@ -221,18 +221,7 @@ fn escaped(name: &str) -> String {
 
 /// Rust's words turned into those of JSON, with the nearest name where a name is wrong.
 fn explain(message: &str) -> String {
-    let mut text = message
-        .replace("expected struct RenderParams", "expected an object")
-        .replace("expected u32", "expected a whole number, not negative and below 2^32")
-        .replace("expected i32", "expected a whole number")
-        .replace("expected u64", "expected a whole number, not negative")
-        .replace("expected usize", "expected a whole number, not negative")
-        .replace("expected u8", "expected a whole number from 0 to 255")
-        .replace("expected f32", "expected a number")
-        .replace("expected f64", "expected a number");
-    if let Some(start) = text.find("expected struct ") {
-        text.replace_range(start.., "expected an object");
-    }
+    let mut text = super::wording::of_kinds(message).unwrap_or_else(|| message.to_owned());
     if message.starts_with("unknown field") || message.starts_with("unknown variant") {
         let mut names = quoted(message);
         if let Some(wrong) = names.next()

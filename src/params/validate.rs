@@ -138,7 +138,9 @@ impl RenderParams {
             format!("width x height is {pixels} pixels, more than the {} allowed here", limits.pixels)
         });
         let pixel_samples = pixels.saturating_mul(u64::from(self.max_samples));
-        check.require(pixel_samples <= limits.pixel_samples, "max_samples", || {
+        // What is beyond the other limit is told of that one alone.
+        let is_too_much = pixel_samples > limits.pixel_samples && self.max_samples <= limits.samples;
+        check.require(!is_too_much, "max_samples", || {
             format!(
                 "width x height x max_samples is {pixel_samples}, more than the {} allowed here: ask for fewer samples, or a \
                  smaller picture",
@@ -149,7 +151,7 @@ impl RenderParams {
 
     fn check_stopping(&self, check: &mut Check, limits: &ParamLimits) {
         check.require((1..=limits.samples).contains(&self.max_samples), "max_samples", || {
-            format!("must lie between 1 and {}", limits.samples)
+            format!("must lie between 1 and {}, and is {}", limits.samples, self.max_samples)
         });
         if let Some(target) = self.target_error {
             check.require(target > 0.0 && target.is_finite(), "target_error", || {

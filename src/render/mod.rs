@@ -1,6 +1,7 @@
 //! Engines: (CompiledScene, Lighting, View, Settings) -> Film, in slices.
 
 pub mod albedo;
+mod apart;
 pub mod cpu;
 mod engines;
 pub mod forecast;
@@ -16,11 +17,13 @@ mod slice;
 #[cfg(test)]
 mod tests;
 
+pub use apart::{ApartEngine, host};
 pub use engines::Engines;
 
 use crate::compile::{CompiledScene, Features, Lighting, View};
 use crate::film::Film;
 use crate::params::{DirectParams, DirectShading, EngineChoice, Mode, PreviewParams};
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -40,7 +43,7 @@ pub struct Work {
 }
 
 /// Transport parameters and stop criteria of one picture.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Who traces.
     pub engine: EngineChoice,
@@ -65,6 +68,7 @@ pub struct Settings {
     /// How direct light is shaded.
     pub direct: DirectParams,
     /// How a preview is drawn.
+    #[serde(with = "crate::pod::as_json")]
     pub preview: PreviewParams,
 }
 
@@ -77,7 +81,7 @@ impl Settings {
 
 /// How light is looked for. Every choice gives the same picture but for noise: requests take the default, the others are there
 /// to be compared with it (`candela bench error`).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Strategy {
     /// Owen-scrambled Sobol points rather than independent random numbers.
     pub sobol: bool,
@@ -97,7 +101,7 @@ impl Default for Strategy {
 }
 
 /// Why a render ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StopReason {
     /// `max_samples` were taken.
@@ -120,7 +124,7 @@ impl StopReason {
 }
 
 /// Samples that were dropped because they were not finite, by cause. A fault of the renderer: reported, never hidden.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NonFinite {
     /// Radiance was NaN.
     pub nan: u64,
@@ -136,7 +140,7 @@ impl NonFinite {
 }
 
 /// What traces.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct DeviceInfo {
     /// `gpu` or `cpu`, as a request names it.
     #[serde(skip)]
@@ -152,7 +156,7 @@ pub struct DeviceInfo {
 }
 
 /// Why a render failed.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
 pub enum RenderError {
     /// The scene does not fit this device.
     #[error("the scene does not fit the device: {0}")]

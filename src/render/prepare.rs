@@ -1,7 +1,7 @@
 //! The one way from a scene and a request to [`Work`], and from [`Work`] to a film where nothing else wants the device.
 
 use super::{DeviceInfo, Engine, NonFinite, RenderError, Settings, StopReason, Strategy, Work};
-use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Features, Hdri, Lighting};
+use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Features, Hdri, Lighting, View};
 use crate::film::Film;
 use crate::params::{Mode, RenderParams};
 use crate::scene::{Scene, Warning};
@@ -42,7 +42,7 @@ pub fn prepare(
     defaults.extend(default_moment(scene, params));
     let mut warnings = scene.warnings.clone();
     warnings.extend(nothing_moves(scene, params));
-    warnings.extend(blackness(&compiled, &lighting, features.unlit));
+    warnings.extend(blackness(&compiled, &lighting, features.unlit).or_else(|| nothing_in_view(&compiled, &view)));
     warnings.extend(beyond_glass(&features));
     let mut biases = params.biases();
     if params.mode == Mode::Preview && features.extended {
@@ -89,6 +89,15 @@ fn blackness(compiled: &CompiledScene, lighting: &Lighting, unlit: bool) -> Opti
     } else {
         None
     }
+}
+
+/// Why the picture has nothing but its background in it although the scene draws something.
+fn nothing_in_view(compiled: &CompiledScene, view: &View) -> Option<Warning> {
+    let why = compile::unseen(&compiled.bounds, view)?;
+    let detail = format!(
+        "{why}, so the picture shows its background alone: leave `camera` out, or `orbit.distance`, to have it framed"
+    );
+    Some(Warning { code: "nothing_in_view", pointer: "/params/camera".into(), detail })
 }
 
 /// Light that no path can find: a point or a direction behind what bends light or scatters it.

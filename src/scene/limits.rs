@@ -1,7 +1,7 @@
 //! How much a scene may ask for.
 
 /// Bounds on what [`import`](super::import()) and [`Package`](super::Package) accept. All are checked before the memory is spent.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Limits {
     /// Bytes of all files of a package together, after inflating.
     pub bytes: u64,

@@ -1,6 +1,7 @@
 //! `/v1/batches`: manifests in, jobs a few at a time, one zip out.
 
 use crate::engine;
+use crate::events::listen_at;
 use crate::support::{Reply, Server, endless, tiny};
 use candela::config::Limits;
 use serde_json::{Value, json};
@@ -230,4 +231,23 @@ fn the_jobs_of_a_batch_leave_together() {
     std::thread::sleep(Duration::from_millis(300));
     server.get(path).problem(404, "batch_not_found");
     assert_eq!(server.get("/v1/jobs").json()["items"].as_array().map(Vec::len), Some(2));
+}
+
+#[test]
+fn a_batch_tells_of_its_items_in_order_and_resumes() {
+    let server = Server::with(Limits::default(), engine::faulty(engine::Fault::TooLarge, 0), Duration::ZERO);
+    let scene = server.upload();
+    let failing = json!({ "width": 16, "height": 8, "max_samples": 4, "seed": engine::FAULTY_SEED });
+    let lines = [line(&scene, "one", &tiny()), line(&scene, "two", &failing), line(&scene, "three", &tiny())];
+    let batch = begin(&server, &lines);
+    let path = batch["links"]["events"].as_str().expect("a link").to_owned();
+    let heard = listen_at(&server, &path, None, |_| false);
+    let seen: Vec<_> = heard.iter().map(|event| (event.id, event.kind.as_str())).collect();
+    assert_eq!(seen, [(1, "item"), (2, "item"), (3, "item"), (4, "finished")]);
+    assert_eq!((&heard[1].data["name"], &heard[1].data["state"]), (&json!("two"), &json!("failed")));
+    assert_eq!((&heard[3].data["state"], &heard[3].data["counts"]["succeeded"]), (&json!("finished"), &json!(2)));
+    let rest = listen_at(&server, &path, Some(2), |_| false);
+    assert_eq!(rest.iter().map(|event| event.id).collect::<Vec<_>>(), [3, 4]);
+    assert_eq!(server.send("GET", &path, &[("last-event-id", "4")], &[]).status, 204);
+    server.send("GET", &path, &[("last-event-id", "x")], &[]).problem(400, "bad_request");
 }

@@ -27,6 +27,19 @@ fn the_router_and_the_contract_have_the_same_routes() {
 }
 
 #[test]
+fn the_scopes_of_the_contract_are_asked_for() {
+    let contract = contract();
+    for (method, path, scope) in routes() {
+        let promised = &contract["paths"][path][method.to_lowercase()]["security"];
+        let kept = match scope {
+            Some(scope) => json!([{}, { "key": [scope] }, { "password": [scope] }]),
+            None => json!([]),
+        };
+        assert_eq!(*promised, kept, "{method} {path}");
+    }
+}
+
+#[test]
 fn every_reference_leads_somewhere() {
     let contract = contract();
     let mut open = vec![&contract];
@@ -46,7 +59,10 @@ const FIELDS: [(&str, &[&str]); 6] = [
     ("headers", &["description", "schema", "example"]),
     ("responses", &["description", "headers", "content"]),
     ("content", &["schema", "example"]),
-    ("operations", &["tags", "operationId", "summary", "description", "parameters", "requestBody", "responses"]),
+    (
+        "operations",
+        &["tags", "operationId", "summary", "description", "parameters", "requestBody", "responses", "security"],
+    ),
 ];
 
 /// Faults of an object or list of such objects, each with its place.
@@ -183,6 +199,16 @@ fn replies_have_the_shapes_that_are_promised() {
     let foreign = [("content-type", "application/json"), ("origin", "https://elsewhere.example")];
     check("put", "/v1/jobs/{id}", &server.send("PUT", "/v1/jobs/mine", &foreign, body.as_bytes()));
     check("delete", "/v1/scenes/{id}", &server.send("DELETE", "/v1/scenes/none", &foreign, &[]));
+    let batch = server.post_json("/v1/batches", &json!({ "scenes": [scene], "params": tiny() }));
+    check("post", "/v1/batches", &batch);
+    let batch = batch.json();
+    let batch_id = batch["id"].as_str().expect("an id");
+    let of_batch = batch["items"][0]["job"].as_str().expect("an id");
+    check("get", "/v1/batches/{id}/events", &server.get(&format!("/v1/batches/{batch_id}/events")));
+    check("delete", "/v1/jobs/{id}", &server.delete(&format!("/v1/jobs/{of_batch}")));
+    check("delete", "/v1/jobs/{id}", &server.delete(&format!("/v1/jobs/{id}")));
+    check("delete", "/v1/jobs/{id}", &server.delete(&format!("/v1/jobs/{id}")));
+    check("delete", "/v1/batches/{id}", &server.delete(&format!("/v1/batches/{batch_id}")));
     for path in ["/v1/limits", "/healthz", "/readyz", "/metrics"] {
         check("get", path, &server.get(path));
     }

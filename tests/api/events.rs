@@ -16,7 +16,12 @@ pub struct Heard {
 
 /// Listens to a job until the stream ends or `enough`.
 pub fn listen(server: &Server, job: &str, last: Option<u64>, enough: impl Fn(&[Heard]) -> bool) -> Vec<Heard> {
-    let mut request = agent().get(server.url(&format!("/v1/jobs/{job}/events")));
+    listen_at(server, &format!("/v1/jobs/{job}/events"), last, enough)
+}
+
+/// The same of any stream.
+pub fn listen_at(server: &Server, path: &str, last: Option<u64>, enough: impl Fn(&[Heard]) -> bool) -> Vec<Heard> {
+    let mut request = agent().get(server.url(path));
     if let Some(last) = last {
         request = request.header("last-event-id", last.to_string());
     }

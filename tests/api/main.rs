@@ -12,6 +12,7 @@ mod durable;
 mod engine;
 mod events;
 mod faults;
+mod forget;
 mod hostile;
 mod jobs;
 mod motion;

@@ -83,6 +83,43 @@ fn faulty_parameters_are_named_by_place() {
 }
 
 #[test]
+fn null_is_no_object_on_any_route() {
+    let server = Server::start();
+    let scene = server.upload();
+    let problem =
+        server.post_json("/v1/jobs", &json!({ "scene": scene, "params": null })).problem(422, "invalid_params");
+    assert_eq!(pointers(&problem), ["/params"]);
+    let problem = server.post_form("/v1/render", &[("scene", Some("a.glb"), &triangle()), ("params", None, b"null")]);
+    assert_eq!(pointers(&problem.problem(422, "invalid_params")), ["/params"]);
+    let body = json!({ "scenes": [scene], "params": null });
+    assert_eq!(pointers(&server.post_json("/v1/batches", &body).problem(422, "invalid_params")), ["/items/0/params"]);
+    let line = json!({ "scene": scene, "params": null }).to_string();
+    let problem = server.post("/v1/batches", "application/x-ndjson", line.as_bytes()).problem(422, "invalid_params");
+    assert_eq!(pointers(&problem), ["/items/0/params"]);
+}
+
+#[test]
+fn one_limit_is_told_of_one_number() {
+    let server = Server::start();
+    let scene = server.upload();
+    let body = json!({ "scene": scene, "params": { "max_samples": 4_000_000_000_u32 } });
+    assert_eq!(pointers(&server.post_json("/v1/jobs", &body).problem(422, "invalid_params")), ["/params/max_samples"]);
+}
+
+#[test]
+fn an_image_that_was_cut_off_is_refused_at_once() {
+    let server = Server::start();
+    let picture = image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([x as u8 * 3, y as u8 * 2, (x * y) as u8]));
+    let mut file = std::io::Cursor::new(Vec::new());
+    picture.write_to(&mut file, image::ImageFormat::Png).expect("a PNG");
+    let mut png = file.into_inner();
+    assert_eq!(server.post("/v1/images", "image/png", &png).status, 201);
+    png.truncate(png.len() / 2);
+    let problem = server.post("/v1/images", "image/png", &png).problem(422, "invalid_image");
+    assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("cut off")), "{problem}");
+}
+
+#[test]
 fn parameters_that_the_scene_cannot_meet() {
     let server = Server::start();
     let render = |query: &str| {

@@ -100,6 +100,12 @@ fn a_picture_that_must_be_black_says_why() {
     };
     let glb = "model/gltf-binary";
     assert!(!warnings("", glb, &triangle()).contains("no_light"));
+    assert!(!warnings("", glb, &triangle()).contains("nothing_in_view"));
+    for position in ["[0,0,1e38]", "[0,0,1e6]"] {
+        let far = format!("camera.position={position}&camera.target=[0,0,0]");
+        assert!(warnings(&far, glb, &triangle()).contains("nothing_in_view"), "{position}");
+    }
+    assert!(warnings("camera.position=[0,0,5]&camera.target=[0,0,9]", glb, &triangle()).contains("nothing_in_view"));
     assert!(warnings("environment=null", glb, &triangle()).contains("no_light"));
     assert!(warnings("environment.constant=[0,0,0]", glb, &triangle()).contains("no_light"));
     assert!(!warnings("environment=null&lights.0.type=ambient", glb, &triangle()).contains("no_light"));

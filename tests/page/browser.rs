@@ -31,6 +31,7 @@ pub struct Browser {
     session: Option<String>,
     calls: u64,
     events: Vec<Value>,
+    user: Option<(String, String)>,
 }
 
 /// Where Chromium is, if it is installed.
@@ -59,7 +60,8 @@ impl Browser {
         let stream = TcpStream::connect(("127.0.0.1", port)).expect("Chromium listens");
         stream.set_read_timeout(Some(REPLY)).expect("a socket takes a timeout");
         let (socket, _) = tungstenite::client(format!("ws://127.0.0.1:{port}{path}"), stream).expect("a handshake");
-        let mut browser = Self { child, _profile: profile, socket, session: None, calls: 0, events: Vec::new() };
+        let mut browser =
+            Self { child, _profile: profile, socket, session: None, calls: 0, events: Vec::new(), user: None };
         let target = browser.call("Target.createTarget", json!({ "url": "about:blank" }));
         let attached = browser
             .call("Target.attachToTarget", json!({ "targetId": target["targetId"], "flatten": true }))["sessionId"]
@@ -90,8 +92,32 @@ impl Browser {
                 assert!(reply["error"].is_null(), "{method}: {}", reply["error"]);
                 return reply["result"].take();
             }
+            self.answer(&reply);
             self.events.push(reply);
         }
+    }
+
+    /// Gives a name and a password whenever the browser would ask its user for them.
+    pub fn log_in(&mut self, name: &str, password: &str) {
+        self.user = Some((name.to_owned(), password.to_owned()));
+        self.call("Fetch.enable", json!({ "handleAuthRequests": true }));
+    }
+
+    /// Lets a request go on that waits for [`Self::log_in`]; a second time the password is wrong.
+    fn answer(&mut self, event: &Value) {
+        let id = &event["params"]["requestId"];
+        let (method, params) = match (event["method"].as_str(), &self.user) {
+            (Some("Fetch.requestPaused"), _) => ("Fetch.continueRequest", json!({ "requestId": id })),
+            (Some("Fetch.authRequired"), Some((name, password))) => {
+                let response = json!({ "response": "ProvideCredentials", "username": name, "password": password });
+                ("Fetch.continueWithAuth", json!({ "requestId": id, "authChallengeResponse": response }))
+            }
+            _ => return,
+        };
+        self.calls += 1;
+        let mut message = json!({ "id": self.calls, "method": method, "params": params });
+        message["sessionId"] = json!(self.session);
+        self.socket.send(Message::text(message.to_string())).expect("Chromium takes a command");
     }
 
     /// Loads an address and waits until its modules have run.

@@ -36,7 +36,7 @@ fn a_visitor_goes_from_a_dropped_model_to_a_picture_and_its_command() {
     };
     let folder = tempfile::tempdir().expect("a folder for the model");
     let [gltf, bin] = model::write(folder.path());
-    let server = Server::start();
+    let server = Server::start(&[]);
     let mut page = Browser::start(program, 1360, 850);
     page.emulate(1360, 850, false, "light");
 
@@ -54,6 +54,38 @@ fn a_visitor_goes_from_a_dropped_model_to_a_picture_and_its_command() {
     it_fits_a_phone(&mut page);
     nothing_is_amiss(&mut page, &server.origin);
     faults_are_told(&mut page, folder.path());
+}
+
+#[test]
+fn a_visitor_with_a_key_renders_and_reads_the_reference() {
+    let Some(program) = browser::find() else {
+        eprintln!("SKIPPED: the page is not tested with keys, as no Chromium is installed (apt-get install chromium)");
+        return;
+    };
+    let folder = tempfile::tempdir().expect("a folder for the keys");
+    let file = folder.path().join("keys.json");
+    let file = file.to_str().expect("a plain path");
+    let mut add = Command::new(env!("CARGO_BIN_EXE_candela"));
+    let made = add.args(["key", "add", "visitor", "--keys", file, "--scope", "render"]).output().expect("candela runs");
+    let said = String::from_utf8(made.stdout).expect("text");
+    let key = said.split_whitespace().find(|word| word.starts_with("candela_")).expect("a key").to_owned();
+    let server = Server::start(&["--keys", file]);
+    let mut page = Browser::start(program, 1360, 850);
+    page.emulate(1360, 850, false, "light");
+    page.log_in("visitor", &key);
+    page.open(&server.origin);
+    the_demo_is_rendered(&mut page);
+    page.open(&format!("{}/docs", server.origin));
+    page.wait_for("document.querySelectorAll('section.operation').length > 20");
+    page.screenshot("reference");
+    let drawn = page.eval("[...document.querySelectorAll('section.operation')].map((section) => section.id)");
+    let drawn: Vec<&str> = drawn.as_array().into_iter().flatten().filter_map(|id| id.as_str()).collect();
+    assert!(
+        ["render", "createJob", "deleteJob", "followBatch", "getPage"].iter().all(|id| drawn.contains(id)),
+        "{drawn:?}"
+    );
+    let amiss: Vec<_> = page.complaints().into_iter().filter(|text| !text.contains("/preview?")).collect();
+    assert!(amiss.is_empty(), "{amiss:#?}");
 }
 
 fn the_demo_is_rendered(page: &mut Browser) {

@@ -12,11 +12,12 @@ pub struct Server {
 }
 
 impl Server {
-    /// Starts it and waits until it answers.
-    pub fn start() -> Self {
+    /// Starts it, with arguments of `candela serve`, and waits until it answers.
+    pub fn start(arguments: &[&str]) -> Self {
         let free = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free port");
         let child = Command::new(env!("CARGO_BIN_EXE_candela"))
             .args(["serve", "--listen", &free.to_string()])
+            .args(arguments)
             .stdout(Stdio::null())
             .spawn()
             .expect("the server starts");

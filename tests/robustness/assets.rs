@@ -1,6 +1,7 @@
 //! Every sample scene imports, and can be posed.
 
-use super::{assert_poses, assert_sound, load, scenes_below, shared};
+use super::targets::{assert_poses, assert_sound};
+use super::{load, scenes_below, shared};
 use candela::scene::describe;
 
 #[test]

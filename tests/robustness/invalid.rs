@@ -1,6 +1,7 @@
 //! The broken files of other projects' test suites: `INVALID.tsv` says which must be refused.
 
-use super::{assert_sound, load, shared};
+use super::targets::assert_sound;
+use super::{load, shared};
 use std::time::{Duration, Instant};
 
 #[test]

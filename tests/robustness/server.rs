@@ -60,19 +60,46 @@ impl Server {
         assert!(self.process.wait().expect("it ends").success());
     }
 
-    /// Memory of the process, bytes; none where the system does not say (Linux does).
+    /// Memory of the process and of those that it has started, bytes; none where the system does not say (Linux does).
     pub fn memory(&self) -> Option<u64> {
-        let status = std::fs::read_to_string(format!("/proc/{}/status", self.process.id())).ok()?;
-        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
-        line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib << 10)
+        let of = |id: &str| {
+            let status = std::fs::read_to_string(format!("/proc/{id}/status")).ok()?;
+            let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+            line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib << 10)
+        };
+        let own = of(&self.process.id().to_string())?;
+        Some(own + self.children().iter().filter_map(|(id, _)| of(id)).sum::<u64>())
+    }
+
+    /// Id and command line of the processes that the server has started; none where the system does not say.
+    pub fn children(&self) -> Vec<(String, String)> {
+        let tasks = std::fs::read_dir(format!("/proc/{}/task", self.process.id()));
+        let mut found = Vec::new();
+        for task in tasks.into_iter().flatten().flatten() {
+            // A thread may end while its list is read.
+            let ids = std::fs::read_to_string(task.path().join("children")).unwrap_or_default();
+            for id in ids.split_whitespace() {
+                let arguments = std::fs::read_to_string(format!("/proc/{id}/cmdline")).unwrap_or_default();
+                found.push((id.to_owned(), arguments.replace('\0', " ").trim().to_owned()));
+            }
+        }
+        found
     }
 
     /// Uploads a scene; its id, unless the server is gone.
     pub fn upload(&self, glb: &[u8]) -> Option<String> {
-        let url = format!("http://{}/v1/scenes", self.address);
-        let reply = agent(Duration::from_secs(60)).post(&url).header("content-type", "model/gltf-binary").send(glb);
-        let reply: Value = reply.ok()?.body_mut().read_json().ok()?;
-        Some(reply["id"].as_str()?.to_owned())
+        Some(self.try_post("/v1/scenes", "model/gltf-binary", glb)?.1["id"].as_str()?.to_owned())
+    }
+
+    /// Status and JSON of the reply to a file.
+    pub fn post(&self, path: &str, kind: &str, body: &[u8]) -> (u16, Value) {
+        self.try_post(path, kind, body).expect("a reply")
+    }
+
+    fn try_post(&self, path: &str, kind: &str, body: &[u8]) -> Option<(u16, Value)> {
+        let url = format!("http://{}{path}", self.address);
+        let mut reply = agent(Duration::from_secs(60)).post(&url).header("content-type", kind).send(body).ok()?;
+        Some((reply.status().as_u16(), reply.body_mut().read_json().ok()?))
     }
 
     /// Sends JSON (null: nothing) and answers status and JSON; none if the server is gone.
@@ -90,6 +117,13 @@ impl Server {
         }
         let mut reply = agent(Duration::from_secs(60)).run(request.body(text).ok()?).ok()?;
         Some((reply.status().as_u16(), reply.body_mut().read_json().ok()?))
+    }
+
+    /// Status of the reply to a scene that is rendered at once.
+    pub fn render(&self, path: &str, glb: &[u8]) -> u16 {
+        let url = format!("http://{}{path}", self.address);
+        let request = agent(Duration::from_secs(60)).post(&url).header("content-type", "model/gltf-binary");
+        request.send(glb).expect("a reply").status().as_u16()
     }
 
     /// `GET` of JSON.

@@ -105,12 +105,14 @@ class Reference {
       );
     });
     const body = operation.requestBody;
+    const scope = operation.security?.find((way) => way.key)?.key[0];
     return el(
       "section",
       { id: operation.operationId, class: "operation" },
       el("h3", {}, el("span", { class: `method ${method}` }, method.toUpperCase()), " ", el("code", {}, path)),
       prose(operation.summary ?? ""),
       ...paragraphs(operation.description),
+      scope ? prose(`Where the server asks for keys: one of the scope \`${scope}\` or above.`) : null,
       rows.length ? el("h4", {}, "Parameters") : null,
       rows.length ? this.fields(rows) : null,
       body ? el("h4", {}, "Body") : null,

@@ -33,6 +33,11 @@ pub(super) fn inflate(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<String, 
         if !entry.is_file() || name.starts_with("__MACOSX/") {
             continue;
         }
+        if name.starts_with('/') || name.split('/').any(|part| part == "..") {
+            let detail =
+                format!("the entry `{name}` of the zip lies outside of it; pack the files with plain relative names");
+            return Err(SceneError::malformed("zip_path", detail));
+        }
         let allowed = left.min(entry.compressed_size().saturating_mul(limits.zip_ratio).saturating_add(RATIO_FREE));
         let mut content = Vec::new();
         // One byte more than allowed tells "full" from "too much".
@@ -128,6 +133,15 @@ mod tests {
         assert_eq!(Package::from_bytes(bytes, &Limits::default()).unwrap_err().code, "part_duplicate");
         let slashes = zip(&[("m/a.gltf", b"{}"), ("m\\a.gltf", b"{}")]);
         assert_eq!(Package::from_bytes(slashes, &Limits::default()).unwrap_err().code, "part_duplicate");
+    }
+
+    #[test]
+    fn names_stay_within() {
+        for name in ["../a.gltf", "m/../../a.gltf", "m\\..\\a.gltf", "/a.gltf"] {
+            let error = Package::from_bytes(zip(&[(name, b"{}")]), &Limits::default()).unwrap_err();
+            assert!(error.code == "zip_path" && error.detail.contains("a.gltf"), "{name}: {error}");
+        }
+        assert!(Package::from_bytes(zip(&[("m..x/a...gltf", b"{}")]), &Limits::default()).is_ok());
     }
 
     #[test]
