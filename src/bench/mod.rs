@@ -4,11 +4,14 @@
 pub mod adaptive;
 pub mod agreement;
 mod cases;
+pub mod clock;
 pub mod coverage;
 pub mod detail;
 pub mod error;
+mod flip;
 pub mod http;
 pub mod memory;
+mod pictures;
 mod plot;
 pub mod preview;
 pub mod skip;

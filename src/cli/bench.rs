@@ -1,10 +1,10 @@
 //! `candela bench`.
 
 use super::Failure;
-use crate::bench;
+use crate::bench::{self, clock::Clock};
 use crate::params::{self, EngineChoice};
-use crate::render::Engines;
 use crate::render::gpu::GpuEngine;
+use crate::render::{DeviceInfo, Engines};
 use anyhow::{Result, anyhow};
 use clap::{Args, Subcommand};
 use std::io::Write;
@@ -110,7 +110,7 @@ enum What {
         side: u32,
         #[command(flatten)]
         rounds: Rounds,
-        /// Folder for lights.svg.
+        /// Folder for lights.svg and lights.png.
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
@@ -123,7 +123,18 @@ enum What {
         side: u32,
         #[command(flatten)]
         rounds: Rounds,
-        /// Folder for shadows.csv and shadows.svg.
+        /// Folder for shadows.csv, shadows.svg and shadows.png.
+        #[arg(long, default_value = ".", value_name = "FOLDER")]
+        folder: PathBuf,
+    },
+    /// The preview engine against the path tracer with one bounce, scene by scene.
+    Likeness {
+        /// glTF files to compare beside the demos.
+        models: Vec<PathBuf>,
+        /// Pixels a side.
+        #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..))]
+        side: u32,
+        /// Folder for likeness.png.
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
@@ -134,7 +145,7 @@ enum What {
         side: u32,
         #[command(flatten)]
         rounds: Rounds,
-        /// Folder for detail.svg and detail.png.
+        /// Folder for detail-load.svg, detail.svg and detail.png.
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
@@ -174,6 +185,14 @@ pub fn run(arguments: &BenchArgs) -> Result<(), Failure> {
     measure(&arguments.what).map_err(|error| Failure::Machine(format!("{error:#}")))
 }
 
+/// The line above a table whose times are of the clock that suits the device.
+fn measured_on(device: &DeviceInfo, rounds: &Rounds, out: &mut dyn Write) -> Result<Clock> {
+    let clock = Clock::of(device);
+    let machine = bench::machine(device);
+    writeln!(out, "On {machine}; best of {} interleaved rounds; {}.\n", rounds.rounds, clock.words())?;
+    Ok(clock)
+}
+
 fn measure(what: &What) -> Result<()> {
     let mut out = std::io::stdout().lock();
     match what {
@@ -201,23 +220,24 @@ fn measure(what: &What) -> Result<()> {
         }
         What::Lights { side, rounds, folder } => {
             let mut engine = GpuEngine::new()?;
-            writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(engine.device()), rounds.rounds)?;
+            measured_on(engine.device(), rounds, &mut out)?;
             bench::preview::lights::run(&mut engine, *side, rounds.rounds, folder, &mut out)?;
         }
         What::Shadows { models, side, rounds, folder } => {
             let mut engine = GpuEngine::new()?;
-            writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(engine.device()), rounds.rounds)?;
+            measured_on(engine.device(), rounds, &mut out)?;
             bench::preview::shadows::run(&mut engine, models, *side, rounds.rounds, folder, &mut out)?;
+        }
+        What::Likeness { models, side, folder } => {
+            let mut engine = GpuEngine::new()?;
+            writeln!(out, "On {}.\n", bench::machine(engine.device()))?;
+            bench::preview::likeness::run(&mut engine, models, *side, folder, &mut out)?;
         }
         What::Detail { side, rounds, folder } => {
             let mut engines = Engines::new();
-            writeln!(
-                out,
-                "On {}; best of {} interleaved rounds.\n",
-                bench::machine(GpuEngine::new()?.device()),
-                rounds.rounds
-            )?;
-            bench::detail::run(&mut engines, *side, rounds.rounds, folder, &mut out)?;
+            let clock = measured_on(GpuEngine::new()?.device(), rounds, &mut out)?;
+            let effort = bench::detail::Effort { side: *side, rounds: rounds.rounds, clock };
+            bench::detail::run(&mut engines, effort, folder, &mut out)?;
         }
         What::Preview { models, rounds } => {
             writeln!(out, "On {}; medians of {}.\n", bench::machine(GpuEngine::new()?.device()), rounds.rounds)?;

@@ -4,8 +4,10 @@ mod compare;
 mod files;
 pub(super) mod kernel;
 mod pairs;
+mod previews;
 mod reuse;
 
+use super::clock::Clock;
 use crate::render::gpu::GpuEngine;
 use anyhow::Result;
 use std::io::Write;
@@ -15,12 +17,14 @@ use std::io::Write;
 /// # Errors
 /// A device fault.
 pub fn run(engine: &mut GpuEngine, rounds: u32, out: &mut dyn Write) -> Result<()> {
-    writeln!(out, "On {}; best of {rounds} interleaved rounds.\n", super::machine(engine.device()))?;
+    let clock = Clock::of(engine.device());
+    let machine = super::machine(engine.device());
+    writeln!(out, "On {machine}; best of {rounds} interleaved rounds; {}, files by the wall's.\n", clock.words())?;
     writeln!(out, "| left out | scene | with it, ms | left out, ms | ratio | pictures |")?;
     writeln!(out, "|---|---|---|---|---|---|")?;
-    for pairs in [kernel::pairs, pairs::pairs] {
+    for pairs in [kernel::pairs, pairs::pairs, previews::pairs] {
         for pair in pairs()? {
-            writeln!(out, "{}", compare::trace(engine, &pair, rounds)?)?;
+            writeln!(out, "{}", compare::trace(engine, clock, &pair, rounds)?)?;
         }
     }
     writeln!(
