@@ -40,6 +40,8 @@ fn ways() -> Vec<(&'static str, Value)> {
     for method in METHODS {
         ways.push((method, json!({"parallax": {"image": "heights", "scale": DEPTH, "method": method}})));
     }
+    let shadowed = json!({"image": "heights", "scale": DEPTH, "method": "relief", "self_shadow": true});
+    ways.push(("relief, shadowed", json!({ "parallax": shadowed })));
     ways
 }
 

@@ -157,7 +157,13 @@ enum What {
         rounds: Rounds,
     },
     /// What it saves to leave out what a picture does not need, and that the picture stays the same.
-    Skip(Rounds),
+    Skip {
+        /// Only rows of what is left out whose names have one of these words.
+        #[arg(long, value_delimiter = ',', value_name = "WORD")]
+        rows: Vec<String>,
+        #[command(flatten)]
+        rounds: Rounds,
+    },
     /// The service over HTTP: cold and warm, more clients than places, a small job beside a long one.
     Http(Rounds),
     /// Memory on the way from a file to the device. Linux only.
@@ -243,7 +249,7 @@ fn measure(what: &What) -> Result<()> {
             writeln!(out, "On {}; medians of {}.\n", bench::machine(GpuEngine::new()?.device()), rounds.rounds)?;
             bench::preview::post::run(models, rounds.rounds, &mut out)?;
         }
-        What::Skip(rounds) => bench::skip::run(&mut GpuEngine::new()?, rounds.rounds, &mut out)?,
+        What::Skip { rows, rounds } => bench::skip::run(&mut GpuEngine::new()?, rows, rounds.rounds, &mut out)?,
         What::Http(rounds) => bench::http::run(rounds.rounds, &mut out)?,
         What::Memory { scene } => bench::memory::run(&mut GpuEngine::new()?, scene, &mut out)?,
     }
