@@ -235,9 +235,8 @@ fn measure(what: &What) -> Result<()> {
             bench::preview::shadows::run(&mut engine, models, *side, rounds.rounds, folder, &mut out)?;
         }
         What::Likeness { models, side, folder } => {
-            let mut engine = GpuEngine::new()?;
-            writeln!(out, "On {}.\n", bench::machine(engine.device()))?;
-            bench::preview::likeness::run(&mut engine, models, *side, folder, &mut out)?;
+            writeln!(out, "On {}.\n", bench::machine(GpuEngine::new()?.device()))?;
+            bench::preview::likeness::run(&mut Engines::new(), models, *side, folder, &mut out)?;
         }
         What::Detail { side, rounds, folder } => {
             let mut engines = Engines::new();

@@ -6,7 +6,8 @@ use crate::bench::pictures::write_sheet;
 use crate::bench::preview::shadows::scenes;
 use crate::compile::{CompiledScene, compile_scene};
 use crate::film::Picture;
-use crate::render::gpu::GpuEngine;
+use crate::params::{EngineChoice, Mode};
+use crate::render::Engines;
 use crate::render::prepare::{prepare, render_to_end};
 use crate::scene::Scene;
 use anyhow::Result;
@@ -47,7 +48,7 @@ const SHADOWS: [(&str, &str); 2] =
 ///
 /// # Errors
 /// A device fault, a file that cannot be read or written.
-pub fn run(engine: &mut GpuEngine, models: &[PathBuf], side: u32, folder: &Path, out: &mut dyn Write) -> Result<()> {
+pub fn run(engines: &mut Engines, models: &[PathBuf], side: u32, folder: &Path, out: &mut dyn Write) -> Result<()> {
     writeln!(
         out,
         "| scene | light | shadows | mean of the tracer's | preview's mean, % apart | RMSE / mean | FLIP | pixels more than 1/255 apart |"
@@ -63,13 +64,13 @@ pub fn run(engine: &mut GpuEngine, models: &[PathBuf], side: u32, folder: &Path,
             let mut fields = fields(compiled.bounds.centre() + compiled.origin, compiled.bounds.radius());
             fields["max_bounces"] = json!(1);
             fields["max_samples"] = json!(SAMPLES);
-            let traced = picture(engine, &scene, &compiled, side, fields.clone())?;
+            let traced = picture(engines, &scene, &compiled, side, fields.clone())?;
             let mut row = vec![traced.clone()];
             let ways = if fields["lights"].is_null() { &SHADOWS[..1] } else { &SHADOWS[..] };
             for (shadows, way) in ways {
                 fields["mode"] = json!("preview");
                 fields["preview"] = json!({"samples": FRAMES, "shadows": serde_json::from_str::<Value>(way)?});
-                let drawn = picture(engine, &scene, &compiled, side, fields.clone())?;
+                let drawn = picture(engines, &scene, &compiled, side, fields.clone())?;
                 let (mean, other) = (mean_radiance(&traced), mean_radiance(&drawn));
                 let shadows = if fields["lights"].is_null() { "none" } else { shadows };
                 writeln!(
@@ -89,7 +90,7 @@ pub fn run(engine: &mut GpuEngine, models: &[PathBuf], side: u32, folder: &Path,
 }
 
 fn picture(
-    engine: &mut GpuEngine,
+    engines: &mut Engines,
     scene: &Scene,
     compiled: &Arc<CompiledScene>,
     side: u32,
@@ -102,6 +103,10 @@ fn picture(
     if let (Some(params), Value::Object(fields)) = (params.as_object_mut(), fields) {
         params.extend(fields);
     }
-    let work = prepare(scene, Arc::clone(compiled), &serde_json::from_value(params)?, None)?.work;
-    Ok(render_to_end(engine, work, &mut |_| {})?.film.picture())
+    let mut work = prepare(scene, Arc::clone(compiled), &serde_json::from_value(params)?, None)?.work;
+    // The engine that shares no code with the preview.
+    if work.settings.mode == Mode::Path {
+        work.settings.engine = EngineChoice::Cpu;
+    }
+    Ok(render_to_end(engines, work, &mut |_| {})?.film.picture())
 }

@@ -143,7 +143,7 @@ fn skies_are_mirrored_as_wide_as_roughness_makes_them() {
                 "mode": mode, "max_bounces": 1, "max_samples": 256, "adaptive": false, "filter": {"radius": 0.5},
                 "camera": camera(), "environment": {"hdri": "sky", "rotation_degrees": 70}, "preview": {"samples": 16},
             });
-            render(EngineChoice::Gpu, work_with_hdri(&scene, &request(extra), Some(Arc::clone(&sky))))
+            render(EngineChoice::Cpu, work_with_hdri(&scene, &request(extra), Some(Arc::clone(&sky))))
         };
         let (drawn, traced) = (look("preview"), look("path"));
         let (mut apart, mut light) = (0.0, 0.0);
