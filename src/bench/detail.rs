@@ -179,7 +179,7 @@ pub struct Effort {
     pub clock: Clock,
 }
 
-/// Writes tables to `out`, and plots and pictures to `detail-load.svg`, `detail.svg` and `detail.png` in `folder`.
+/// Writes tables to `out`, and plots and pictures to `detail-load.svg`, `detail.svg` and `detail.jpg` in `folder`.
 ///
 /// # Errors
 /// A device fault, a file that cannot be written.
@@ -334,7 +334,7 @@ fn errors(engines: &mut Engines, effort: Effort, folder: &Path, out: &mut dyn Wr
         rows.push(shown.into_iter().map(|(picture, _)| picture).chain([truth]).collect::<Vec<_>>());
     }
     plot::error_of_settings(&folder.join("detail.svg"), &panels)?;
-    write_sheet(&folder.join("detail.png"), &rows)
+    write_sheet(&folder.join("detail.jpg"), &rows)
 }
 
 #[cfg(test)]

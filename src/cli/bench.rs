@@ -110,7 +110,7 @@ enum What {
         side: u32,
         #[command(flatten)]
         rounds: Rounds,
-        /// Folder for lights.svg and lights.png.
+        /// Folder for lights.svg and lights.jpg.
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
@@ -123,7 +123,7 @@ enum What {
         side: u32,
         #[command(flatten)]
         rounds: Rounds,
-        /// Folder for shadows.csv, shadows.svg and shadows.png.
+        /// Folder for shadows.csv, shadows.svg and shadows.jpg.
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
@@ -134,7 +134,7 @@ enum What {
         /// Pixels a side.
         #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..))]
         side: u32,
-        /// Folder for likeness.png.
+        /// Folder for likeness.jpg.
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
@@ -145,13 +145,13 @@ enum What {
         side: u32,
         #[command(flatten)]
         rounds: Rounds,
-        /// Folder for detail-load.svg, detail.svg and detail.png.
+        /// Folder for detail-load.svg, detail.svg and detail.jpg.
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
     /// The preview engine over HTTP: from POST to PNG, by stage.
     Preview {
-        /// GLB files to measure beside the demos.
+        /// glTF files to measure beside the demos.
         models: Vec<PathBuf>,
         #[command(flatten)]
         rounds: Rounds,

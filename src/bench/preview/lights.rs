@@ -39,7 +39,7 @@ enum Radii {
     Shrinking,
 }
 
-/// Writes a table for each demo and kind of radii to `out`, and a plot and pictures to `lights.svg` and `lights.png` in `folder`.
+/// Writes a table for each demo and kind of radii to `out`, and a plot and pictures to `lights.svg` and `lights.jpg` in `folder`.
 ///
 /// # Errors
 /// A device fault, or a file that cannot be written.
@@ -60,7 +60,7 @@ pub fn run(engine: &mut GpuEngine, side: u32, rounds: u32, folder: &Path, out: &
         }
     }
     plot::time_over(&folder.join("lights.svg"), "lights", &panels)?;
-    write_sheet(&folder.join("lights.png"), &pictures)
+    write_sheet(&folder.join("lights.jpg"), &pictures)
 }
 
 /// Also answers the pictures of the last way, by numbers of lights.

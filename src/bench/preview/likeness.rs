@@ -43,7 +43,7 @@ const LIGHTS: [Light; 3] = [
 const SHADOWS: [(&str, &str); 2] =
     [("rays", r#"{"algorithm": "ray"}"#), ("pcf", r#"{"algorithm": "pcf", "map_size": 2048}"#)];
 
-/// Writes a table to `out` and pictures to `likeness.png` in `folder`: the tracer's, then the preview's. `models`: glTF files beside the
+/// Writes a table to `out` and pictures to `likeness.jpg` in `folder`: the tracer's, then the preview's. `models`: glTF files beside the
 /// demos.
 ///
 /// # Errors
@@ -86,7 +86,7 @@ pub fn run(engines: &mut Engines, models: &[PathBuf], side: u32, folder: &Path, 
             rows.push(row);
         }
     }
-    write_sheet(&folder.join("likeness.png"), &rows)
+    write_sheet(&folder.join("likeness.jpg"), &rows)
 }
 
 fn picture(

@@ -87,7 +87,7 @@ struct Case {
     pictures: Vec<Picture>,
 }
 
-/// Writes tables to `out`, every point to `shadows.csv`, a plot to `shadows.svg` and pictures to `shadows.png` in `folder`. `models`: glTF files beside the plane
+/// Writes tables to `out`, every point to `shadows.csv`, a plot to `shadows.svg` and pictures to `shadows.jpg` in `folder`. `models`: glTF files beside the plane
 /// with an object.
 ///
 /// # Errors
@@ -122,7 +122,7 @@ pub fn run(
     }
     plot::error_of_settings(&folder.join("shadows.svg"), &panels(&settings, &cases))?;
     let soft = cases.into_iter().filter(|case| case.soft);
-    write_sheet(&folder.join("shadows.png"), &soft.map(|case| case.pictures).collect::<Vec<_>>())
+    write_sheet(&folder.join("shadows.jpg"), &soft.map(|case| case.pictures).collect::<Vec<_>>())
 }
 
 /// Demos by their names, and models that were given.
