@@ -43,7 +43,7 @@ pub fn pairs() -> Result<Vec<Pair>> {
         pair("preview: gizmos of lights behind the camera", SCENE, |all| {
             with(json!([sun, behind]), json!({"gizmos": all, "shadows": {"max_lights": 1}}))
         })?,
-        forced("preview: environment", SCENE, &plain, |f| f.environment = 3)?,
+        forced("preview: environment", SCENE, &without_sky(&scene, &sun)?, |f| f.environment = 3)?,
     ];
     pairs.push(Pair {
         what: "preview: pass over transparent triangles",
@@ -79,6 +79,12 @@ fn request(lights: &Value, preview: &Value) -> Value {
 
 fn drawn(scene: &Scene, lights: &Value, preview: &Value) -> Result<Work> {
     compiled(scene, request(lights, preview))
+}
+
+fn without_sky(scene: &Scene, sun: &Value) -> Result<Work> {
+    let mut request = request(&json!([sun]), &json!({}));
+    request["environment"] = Value::Null;
+    compiled(scene, request)
 }
 
 /// Small lights all over the surface.
