@@ -96,10 +96,11 @@ function lightParams(light) {
 }
 
 /** The maps of a sphere or a material, by the ids of their pictures. */
-function mapParams({ texture, detail, relief, scale, method }) {
+function mapParams({ texture, detail, relief, scale, method, self_shadow }) {
   const maps = texture ? { texture: { image: texture.id } } : {};
   if (detail === "none" || !relief) return maps;
-  const map = { image: relief.id, scale, ...(detail === "parallax" && different({ method }, { method: "relief" })) };
+  const parallax = detail === "parallax" && different({ method, self_shadow }, { method: "relief", self_shadow: false });
+  const map = { image: relief.id, scale, ...parallax };
   return { ...maps, [detail]: map };
 }
 

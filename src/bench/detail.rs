@@ -1,14 +1,17 @@
 //! Surface detail: time on scenes of growing load by kind of map, and error against the same relief as real geometry.
 
+use super::clock::{Clock, trace};
+use super::flip::flip;
+use super::pictures::write_sheet;
 use super::plot::{self, Line};
-use super::preview::similarity::{relative_mse, relative_rmse, ssim};
+use super::preview::similarity::{relative_mse, relative_rmse};
 use crate::compile::{MapFiles, compile_request};
 use crate::film::Picture;
 use crate::params::EngineChoice;
-use crate::render::prepare::{prepare, render_to_end};
+use crate::render::prepare::prepare;
 use crate::render::{Engines, Work};
 use crate::scene::{Material, Mesh, Node, Primitive, Scene, SceneRoot};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use glam::{DVec3, Vec2};
 use image::{DynamicImage, ImageBuffer, ImageFormat, Luma, Rgb, RgbImage};
 use serde_json::{Value, json};
@@ -37,6 +40,8 @@ fn ways() -> Vec<(&'static str, Value)> {
     for method in METHODS {
         ways.push((method, json!({"parallax": {"image": "heights", "scale": DEPTH, "method": method}})));
     }
+    let shadowed = json!({"image": "heights", "scale": DEPTH, "method": "relief", "self_shadow": true});
+    ways.push(("relief, shadowed", json!({ "parallax": shadowed })));
     ways
 }
 
@@ -148,38 +153,54 @@ impl Case<'_> {
 }
 
 /// Each work's picture and the fastest of `rounds` interleaved renders in seconds; a first one makes pipelines and trees.
-fn timed(engines: &mut Engines, works: &[Work], rounds: u32) -> Result<Vec<(Picture, f64)>> {
+fn timed(engines: &mut Engines, clock: Clock, works: &[Work], rounds: u32) -> Result<Vec<(Picture, f64)>> {
     let mut best: Vec<(Picture, f64)> = Vec::new();
     for round in 0..=rounds {
         for (index, work) in works.iter().enumerate() {
-            let rendered = render_to_end(engines, work.clone(), &mut |_| {})?;
+            let (picture, seconds) = trace(engines, clock, work)?;
             if round == 0 {
-                best.push((rendered.film.picture(), f64::INFINITY));
+                best.push((picture, f64::INFINITY));
             } else {
-                best[index].1 = best[index].1.min(rendered.trace.as_secs_f64());
+                best[index].1 = best[index].1.min(seconds);
             }
         }
     }
     Ok(best)
 }
 
-/// Writes tables to `out`, and a plot and pictures to `detail.svg` and `detail.png` in `folder`.
+/// How a study is taken.
+#[derive(Debug, Clone, Copy)]
+pub struct Effort {
+    /// Pixels a side.
+    pub side: u32,
+    /// Interleaved renders of each.
+    pub rounds: u32,
+    /// What times are of.
+    pub clock: Clock,
+}
+
+/// Writes tables to `out`, and plots and pictures to `detail-load.svg`, `detail.svg` and `detail.jpg` in `folder`.
 ///
 /// # Errors
 /// A device fault, a file that cannot be written.
-pub fn run(engines: &mut Engines, side: u32, rounds: u32, folder: &Path, out: &mut dyn Write) -> Result<()> {
+pub fn run(engines: &mut Engines, effort: Effort, folder: &Path, out: &mut dyn Write) -> Result<()> {
+    let mut panels = Vec::new();
     for (engine, name) in [(EngineChoice::Cpu, "cpu"), (EngineChoice::Gpu, "gpu")] {
         writeln!(out, "### Time, engine {name}, ms\n")?;
-        loads(engines, engine, side, rounds, out)?;
+        panels.push((format!("engine {name}"), loads(engines, engine, effort, out)?));
         writeln!(out)?;
     }
-    errors(engines, side, rounds, folder, out)
+    plot::time_over(&folder.join("detail-load.svg"), "spheres", &panels)?;
+    errors(engines, effort, folder, out)
 }
 
 /// Spheres in rows that fill the picture, over a floor that mirrors a little, under all kinds of lights that the study's author had.
-fn loads(engines: &mut Engines, engine: EngineChoice, side: u32, rounds: u32, out: &mut dyn Write) -> Result<()> {
+fn loads(engines: &mut Engines, engine: EngineChoice, effort: Effort, out: &mut dyn Write) -> Result<Vec<Line>> {
+    let Effort { side, rounds, clock } = effort;
     let (floor, maps) = (sheet(1, |_, _| 0.0), maps([PI, PI])?);
     let ways = ways();
+    let mut lines: Vec<Line> =
+        ways.iter().map(|(name, _)| Line { name: (*name).to_owned(), points: Vec::new() }).collect();
     writeln!(out, "| spheres | {} |", ways.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(" | "))?;
     writeln!(out, "|{}", "---|".repeat(ways.len() + 1))?;
     for load in LOADS {
@@ -198,11 +219,14 @@ fn loads(engines: &mut Engines, engine: EngineChoice, side: u32, rounds: u32, ou
                 Case { scene: &floor, maps: &maps, params }.work(engine)
             })
             .collect::<Result<_>>()?;
-        let seconds = timed(engines, &works, rounds)?;
+        let seconds = timed(engines, clock, &works, rounds)?;
         let cells: Vec<String> = seconds.iter().map(|(_, seconds)| format!("{:.1}", 1e3 * seconds)).collect();
         writeln!(out, "| {load} | {} |", cells.join(" | "))?;
+        for (line, (_, seconds)) in lines.iter_mut().zip(&seconds) {
+            line.points.push((load as f64, *seconds));
+        }
     }
-    Ok(())
+    Ok(lines)
 }
 
 fn sphere(index: usize, across: usize, way: &Value) -> Value {
@@ -285,23 +309,23 @@ impl View {
 }
 
 /// Each way's picture against that of the real relief.
-fn errors(engines: &mut Engines, side: u32, rounds: u32, folder: &Path, out: &mut dyn Write) -> Result<()> {
+fn errors(engines: &mut Engines, effort: Effort, folder: &Path, out: &mut dyn Write) -> Result<()> {
+    let Effort { side, rounds, clock } = effort;
     let ways = ways();
     let mut panels = Vec::new();
     let mut rows = Vec::new();
     for view in views() {
         let maps = maps(view.size)?;
         let case = |scene, way| Case { scene, maps: &maps, params: view.params(side, way) }.work(EngineChoice::Cpu);
-        let real = render_to_end(engines, case(&view.real, None)?, &mut |_| {})?;
-        let (truth, real_seconds) = (real.film.picture(), real.trace.as_secs_f64());
+        let (truth, real_seconds) = trace(engines, clock, &case(&view.real, None)?)?;
         let works: Vec<Work> = ways.iter().map(|(_, way)| case(&view.flat, Some(way))).collect::<Result<_>>()?;
-        let shown = timed(engines, &works, rounds)?;
+        let shown = timed(engines, clock, &works, rounds)?;
         writeln!(out, "### Error, {}; the real relief took {:.1} ms\n", view.name, 1e3 * real_seconds)?;
-        writeln!(out, "| way | ms | RMSE / mean | SSIM |\n|---|---|---|---|")?;
+        writeln!(out, "| way | ms | RMSE / mean | FLIP |\n|---|---|---|---|")?;
         let mut lines = Vec::new();
         for ((name, _), (picture, seconds)) in ways.iter().zip(&shown) {
-            let (rmse, alike) = (relative_rmse(picture, &truth), ssim(picture, &truth));
-            writeln!(out, "| {name} | {:.1} | {rmse:.4} | {alike:.4} |", 1e3 * seconds)?;
+            let (rmse, seen) = (relative_rmse(picture, &truth), flip(picture, &truth));
+            writeln!(out, "| {name} | {:.1} | {rmse:.4} | {seen:.4} |", 1e3 * seconds)?;
             let mse = relative_mse(picture, &truth).max(1e-9);
             lines.push(Line { name: (*name).to_owned(), points: vec![(*seconds, mse)] });
         }
@@ -310,20 +334,7 @@ fn errors(engines: &mut Engines, side: u32, rounds: u32, folder: &Path, out: &mu
         rows.push(shown.into_iter().map(|(picture, _)| picture).chain([truth]).collect::<Vec<_>>());
     }
     plot::error_of_settings(&folder.join("detail.svg"), &panels)?;
-    write_pictures(&folder.join("detail.png"), &rows)
-}
-
-/// A row a view; the ways, then the real relief.
-fn write_pictures(path: &Path, rows: &[Vec<Picture>]) -> Result<()> {
-    let Some(first) = rows.first().and_then(|row| row.first()) else { return Ok(()) };
-    let (width, height) = (first.width, first.height);
-    let byte = |x: f32| (255.0 * x.clamp(0.0, 1.0).powf(1.0 / 2.2)).round() as u8;
-    let sheet = RgbImage::from_fn(width * rows[0].len() as u32, height * rows.len() as u32, |x, y| {
-        let picture = &rows[(y / height) as usize][(x / width) as usize];
-        let [r, g, b, _] = picture.pixels[(y % height * width + x % width) as usize];
-        Rgb([r, g, b].map(byte))
-    });
-    sheet.save(path).with_context(|| path.display().to_string())
+    write_sheet(&folder.join("detail.jpg"), &rows)
 }
 
 #[cfg(test)]
@@ -344,7 +355,7 @@ mod tests {
                 case.work(EngineChoice::Cpu).expect("work")
             };
             let works = [look(&view.flat, Some(&none)), look(&real, None)];
-            let shown = timed(&mut engines, &works, 1).expect("pictures");
+            let shown = timed(&mut engines, Clock::Wall, &works, 1).expect("pictures");
             let error = relative_rmse(&shown[0].0, &shown[1].0);
             assert!(error < 0.02, "{}: {error}", view.name);
         }

@@ -4,12 +4,15 @@
 pub mod adaptive;
 pub mod agreement;
 mod cases;
+pub mod clock;
 pub mod coverage;
 pub mod detail;
 pub mod error;
+mod flip;
 pub mod http;
 pub mod many_lights;
 pub mod memory;
+mod pictures;
 mod plot;
 pub mod preview;
 pub mod skip;

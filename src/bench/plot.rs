@@ -67,12 +67,12 @@ pub struct Line {
     pub points: Vec<(f64, f64)>,
 }
 
-/// Seconds over numbers of lights, both logarithmic, a panel per scene.
+/// Seconds over how many there are of something, both logarithmic, a panel per scene.
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn time_over_lights(path: &Path, panels: &[(String, Vec<Line>)]) -> Result<()> {
-    lines(path, panels, ["lights", "seconds a frame"], true)
+pub fn time_over(path: &Path, what: &str, panels: &[(String, Vec<Line>)]) -> Result<()> {
+    lines(path, panels, [what, "seconds"], true)
 }
 
 /// Relative mean square error over seconds, both logarithmic: a mark for each of a way's settings.

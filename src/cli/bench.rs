@@ -1,10 +1,10 @@
 //! `candela bench`.
 
 use super::Failure;
-use crate::bench;
+use crate::bench::{self, clock::Clock};
 use crate::params::{self, EngineChoice};
-use crate::render::Engines;
 use crate::render::gpu::GpuEngine;
+use crate::render::{DeviceInfo, Engines};
 use anyhow::{Result, anyhow};
 use clap::{Args, Subcommand};
 use std::io::Write;
@@ -127,7 +127,7 @@ enum What {
         side: u32,
         #[command(flatten)]
         rounds: Rounds,
-        /// Folder for lights.svg.
+        /// Folder for lights.svg and lights.jpg.
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
@@ -140,7 +140,18 @@ enum What {
         side: u32,
         #[command(flatten)]
         rounds: Rounds,
-        /// Folder for shadows.csv and shadows.svg.
+        /// Folder for shadows.csv, shadows.svg and shadows.jpg.
+        #[arg(long, default_value = ".", value_name = "FOLDER")]
+        folder: PathBuf,
+    },
+    /// The preview engine against the path tracer with one bounce, scene by scene.
+    Likeness {
+        /// glTF files to compare beside the demos.
+        models: Vec<PathBuf>,
+        /// Pixels a side.
+        #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..))]
+        side: u32,
+        /// Folder for likeness.jpg.
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
@@ -151,19 +162,25 @@ enum What {
         side: u32,
         #[command(flatten)]
         rounds: Rounds,
-        /// Folder for detail.svg and detail.png.
+        /// Folder for detail-load.svg, detail.svg and detail.jpg.
         #[arg(long, default_value = ".", value_name = "FOLDER")]
         folder: PathBuf,
     },
     /// The preview engine over HTTP: from POST to PNG, by stage.
     Preview {
-        /// GLB files to measure beside the demos.
+        /// glTF files to measure beside the demos.
         models: Vec<PathBuf>,
         #[command(flatten)]
         rounds: Rounds,
     },
     /// What it saves to leave out what a picture does not need, and that the picture stays the same.
-    Skip(Rounds),
+    Skip {
+        /// Only rows of what is left out whose names have one of these words.
+        #[arg(long, value_delimiter = ',', value_name = "WORD")]
+        rows: Vec<String>,
+        #[command(flatten)]
+        rounds: Rounds,
+    },
     /// The service over HTTP: cold and warm, more clients than places, a small job beside a long one.
     Http(Rounds),
     /// Memory on the way from a file to the device. Linux only.
@@ -189,6 +206,14 @@ fn engine(name: &str) -> Result<EngineChoice> {
 /// Runs one.
 pub fn run(arguments: &BenchArgs) -> Result<(), Failure> {
     measure(&arguments.what).map_err(|error| Failure::Machine(format!("{error:#}")))
+}
+
+/// The line above a table whose times are of the clock that suits the device.
+fn measured_on(device: &DeviceInfo, rounds: &Rounds, out: &mut dyn Write) -> Result<Clock> {
+    let clock = Clock::of(device);
+    let machine = bench::machine(device);
+    writeln!(out, "On {machine}; best of {} interleaved rounds; {}.\n", rounds.rounds, clock.words())?;
+    Ok(clock)
 }
 
 fn measure(what: &What) -> Result<()> {
@@ -222,29 +247,29 @@ fn measure(what: &What) -> Result<()> {
         }
         What::Lights { side, rounds, folder } => {
             let mut engine = GpuEngine::new()?;
-            writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(engine.device()), rounds.rounds)?;
+            measured_on(engine.device(), rounds, &mut out)?;
             bench::preview::lights::run(&mut engine, *side, rounds.rounds, folder, &mut out)?;
         }
         What::Shadows { models, side, rounds, folder } => {
             let mut engine = GpuEngine::new()?;
-            writeln!(out, "On {}; best of {} interleaved rounds.\n", bench::machine(engine.device()), rounds.rounds)?;
+            measured_on(engine.device(), rounds, &mut out)?;
             bench::preview::shadows::run(&mut engine, models, *side, rounds.rounds, folder, &mut out)?;
+        }
+        What::Likeness { models, side, folder } => {
+            writeln!(out, "On {}.\n", bench::machine(GpuEngine::new()?.device()))?;
+            bench::preview::likeness::run(&mut Engines::new(), models, *side, folder, &mut out)?;
         }
         What::Detail { side, rounds, folder } => {
             let mut engines = Engines::new();
-            writeln!(
-                out,
-                "On {}; best of {} interleaved rounds.\n",
-                bench::machine(GpuEngine::new()?.device()),
-                rounds.rounds
-            )?;
-            bench::detail::run(&mut engines, *side, rounds.rounds, folder, &mut out)?;
+            let clock = measured_on(GpuEngine::new()?.device(), rounds, &mut out)?;
+            let effort = bench::detail::Effort { side: *side, rounds: rounds.rounds, clock };
+            bench::detail::run(&mut engines, effort, folder, &mut out)?;
         }
         What::Preview { models, rounds } => {
             writeln!(out, "On {}; medians of {}.\n", bench::machine(GpuEngine::new()?.device()), rounds.rounds)?;
             bench::preview::post::run(models, rounds.rounds, &mut out)?;
         }
-        What::Skip(rounds) => bench::skip::run(&mut GpuEngine::new()?, rounds.rounds, &mut out)?,
+        What::Skip { rows, rounds } => bench::skip::run(&mut GpuEngine::new()?, rows, rounds.rounds, &mut out)?,
         What::Http(rounds) => bench::http::run(rounds.rounds, &mut out)?,
         What::Memory { scene } => bench::memory::run(&mut GpuEngine::new()?, scene, &mut out)?,
     }

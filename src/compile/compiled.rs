@@ -248,8 +248,8 @@ pub struct Detail {
     pub scale: f32,
     /// Steps of a search.
     pub steps: u32,
-    /// Unused.
-    pub pad: u32,
+    /// 1: it keeps light off itself.
+    pub self_shadow: u32,
     /// Linear texels.
     pub map: TextureSlot,
 }

@@ -2,7 +2,7 @@
 
 use super::Detail;
 use crate::params::{
-    Axis, FieldError, Maps, OverrideParams, ParallaxMethod, RenderParams, SphereParams, TextureParams,
+    Axis, FieldError, Maps, OverrideParams, ParallaxMethod, ParallaxParams, RenderParams, SphereParams, TextureParams,
 };
 use crate::scene::{Extended, Image, Material, Primitive, Scene, Texture, TextureRef, Wrap};
 use glam::{DVec3, Mat3, Vec2};
@@ -36,6 +36,8 @@ pub struct Relief {
     pub scale: f32,
     /// Steps of a search.
     pub steps: u32,
+    /// It keeps light off itself.
+    pub self_shadow: bool,
     /// Where it is read.
     pub map: TextureRef,
 }
@@ -152,10 +154,10 @@ impl Look {
         let texture = maps.texture.map(|TextureParams { image, tiling }| map("texture", image, *tiling)).transpose()?;
         let relief = if let Some(height) = maps.height {
             let map = map("height", &height.image, height.tiling)?;
-            Some(Relief { kind: Detail::HEIGHT, scale: height.scale, steps: 0, map })
+            Some(Relief { kind: Detail::HEIGHT, scale: height.scale, steps: 0, self_shadow: false, map })
         } else if let Some(normal) = maps.normal {
             let map = map("normal", &normal.image, normal.tiling)?;
-            Some(Relief { kind: Detail::NORMAL, scale: normal.scale, steps: 0, map })
+            Some(Relief { kind: Detail::NORMAL, scale: normal.scale, steps: 0, self_shadow: false, map })
         } else if let Some(parallax) = maps.parallax {
             let kind = match parallax.method {
                 ParallaxMethod::Offset => Detail::OFFSET,
@@ -164,7 +166,8 @@ impl Look {
                 ParallaxMethod::Relief => Detail::RELIEF,
             };
             let map = map("parallax", &parallax.image, parallax.tiling)?;
-            Some(Relief { kind, scale: parallax.scale, steps: parallax.steps, map })
+            let ParallaxParams { scale, steps, self_shadow, .. } = *parallax;
+            Some(Relief { kind, scale, steps, self_shadow, map })
         } else {
             None
         };

@@ -81,7 +81,8 @@ impl Table {
             if let Some(relief) = key.and_then(|index| look.reliefs.get(&index)).filter(|_| !source.unlit) {
                 let map = textures.slot(look, relief_space(relief), Some(relief.map));
                 let (kind, scale, steps) = (relief.kind, relief.scale, relief.steps);
-                table.details.push(Detail { kind, scale, steps, pad: 0, map });
+                let self_shadow = u32::from(relief.self_shadow);
+                table.details.push(Detail { kind, scale, steps, self_shadow, map });
                 material.detail = table.details.len() as u32;
             }
             let next = table.materials.len();

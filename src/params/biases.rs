@@ -20,13 +20,7 @@ impl RenderParams {
                  light afar: their shadows are hard, and nothing shows or mirrors them"
             ));
         }
-        let mut surfaces =
-            self.spheres.iter().map(SphereParams::maps).chain(self.overrides.iter().map(OverrideParams::maps));
-        if surfaces.any(|maps| maps.parallax.is_some()) {
-            biases.push(
-                "parallax maps: reliefs have the outline of their surface, and no shadow on themselves".to_owned(),
-            );
-        }
+        biases.extend(self.relief_bias());
         if self.mode == Mode::Preview {
             biases.extend(self.preview.biases());
             if self.camera.as_ref().is_some_and(|camera| camera.aperture_radius > 0.0) {
@@ -40,6 +34,19 @@ impl RenderParams {
                 .push("multiple_scattering off: rough surfaces lose the light that scatters more than once".to_owned());
         }
         biases
+    }
+
+    fn relief_bias(&self) -> Option<String> {
+        let surfaces =
+            self.spheres.iter().map(SphereParams::maps).chain(self.overrides.iter().map(OverrideParams::maps));
+        let mut shadowed = surfaces.filter_map(|maps| maps.parallax).map(|parallax| parallax.self_shadow).peekable();
+        shadowed.peek()?;
+        let light = if self.mode != Mode::Preview && shadowed.all(|shadowed| shadowed) {
+            "light that they keep off themselves is lost"
+        } else {
+            "no shadow on themselves"
+        };
+        Some(format!("parallax maps: reliefs have the outline of their surface, and {light}"))
     }
 }
 

@@ -286,7 +286,7 @@ impl PreviewParams {
              mirrors show the environment alone"
                 .to_owned(),
             "mode preview: nothing keeps the environment's light off a surface, and what it adds is read from spherical \
-             harmonics of second order, for highlights mixed with the mirror's direction"
+             harmonics of second order, for highlights from means over their lobes as seen from above"
                 .to_owned(),
             "mode preview: of materials only base colour, metal, roughness, normal map, emission and alpha are drawn; extensions \
              (clear coat, sheen, transmission and others) are left out"

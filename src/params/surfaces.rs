@@ -141,9 +141,12 @@ pub struct ParallaxParams {
     /// How the point that is seen is found.
     #[serde(default)]
     pub method: ParallaxMethod,
-    /// Steps of `steep` and `relief` from the surface to the depth of black.
+    /// Steps of `steep` and `relief` from the surface to the depth of black, and of `self_shadow` from there to the surface.
     #[serde(default = "steps")]
     pub steps: u32,
+    /// Whether the relief keeps light off itself.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub self_shadow: bool,
 }
 
 /// Ways of finding the point of a relief that is seen.

@@ -164,18 +164,24 @@ impl Browser {
         }
     }
 
-    /// Drags with the left button from one point to another, in steps.
+    /// Drags with the left button from one point to another, as a quick hand does.
     pub fn drag(&mut self, from: (f64, f64), to: (f64, f64)) {
-        const STEPS: u32 = 8;
+        self.drag_slowly(from, to, Duration::from_millis(160));
+    }
+
+    /// Drags with the left button from one point to another, taking its time.
+    pub fn drag_slowly(&mut self, from: (f64, f64), to: (f64, f64), time: Duration) {
+        const STEP: Duration = Duration::from_millis(20);
+        let steps = time.as_millis().div_ceil(STEP.as_millis()) as u32;
         let mut mouse = |kind: &str, (x, y): (f64, f64)| {
             let params = json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1 });
             self.call("Input.dispatchMouseEvent", params);
         };
         mouse("mousePressed", from);
-        for step in 1..=STEPS {
-            let part = f64::from(step) / f64::from(STEPS);
+        for step in 1..=steps {
+            let part = f64::from(step) / f64::from(steps);
             mouse("mouseMoved", (from.0 + (to.0 - from.0) * part, from.1 + (to.1 - from.1) * part));
-            std::thread::sleep(Duration::from_millis(20));
+            std::thread::sleep(STEP);
         }
         mouse("mouseReleased", to);
     }

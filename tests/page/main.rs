@@ -1,15 +1,18 @@
 //! The page in a real browser against the real server: what a visitor does, from the first look to the curl command.
 //! Pictures of it lie in `target/page-test/` afterwards, for people to look at.
 
+mod axe;
 mod browser;
 mod model;
 mod server;
 
+use axe::Axe;
 use browser::Browser;
 use candela::params::RenderParams;
 use server::Server;
 use std::path::Path;
 use std::process::Command;
+use std::time::{Duration, Instant};
 
 /// Middle of the picture on the desktop layout of the test.
 const MIDDLE: (f64, f64) = (480.0, 320.0);
@@ -37,23 +40,32 @@ fn a_visitor_goes_from_a_dropped_model_to_a_picture_and_its_command() {
     let folder = tempfile::tempdir().expect("a folder for the model");
     let [gltf, bin] = model::write(folder.path());
     let server = Server::start(&[]);
+    let axe = Axe::new();
     let mut page = Browser::start(program, 1360, 850);
     page.emulate(1360, 850, false, "light");
 
     page.open(&server.origin);
     the_demo_is_rendered(&mut page);
+    axe.finds_nothing(&mut page, "the first look");
     page.drop_files(MIDDLE, &[&gltf, &bin]);
     the_model_is_rendered(&mut page);
     a_light_changes_the_picture(&mut page);
     the_camera_turns(&mut page);
     an_animation_moves_the_model(&mut page);
-    previews_are_drawn_and_compared(&mut page);
+    previews_follow_a_hand(&mut page);
+    previews_are_drawn_and_compared(&mut page, &axe);
     spheres_and_materials_change_the_picture(&mut page, folder.path());
     a_render_can_be_cancelled(&mut page);
     the_command_makes_the_same_picture(&mut page, folder.path());
-    it_fits_a_phone(&mut page);
+    everything_is_reached_by_keys(&mut page);
+    it_is_accessible(&mut page, &axe);
+    it_fits_a_phone(&mut page, &axe);
     nothing_is_amiss(&mut page, &server.origin);
     faults_are_told(&mut page, folder.path());
+    axe.finds_nothing(&mut page, "a fault");
+    page.open(&format!("{}/docs", server.origin));
+    page.wait_for("document.querySelectorAll('main h2').length > 2");
+    axe.finds_nothing(&mut page, "the reference of the API");
 }
 
 #[test]
@@ -171,13 +183,33 @@ fn an_animation_moves_the_model(page: &mut Browser) {
     assert!(difference(&before, &pixels(page)) > CHANGED, "it has turned");
 }
 
-fn previews_are_drawn_and_compared(page: &mut Browser) {
+/// While a button is held down and moves, rasterised pictures come and replace each other.
+fn previews_follow_a_hand(page: &mut Browser) {
+    page.eval(
+        "(() => {
+            window.shown = 0;
+            const observer = new MutationObserver((changes) => { window.shown += changes.length; });
+            observer.observe(document.querySelector('#viewport img'), { attributeFilter: ['src'] });
+            window.stopCounting = () => observer.disconnect();
+        })()",
+    );
+    let begun = Instant::now();
+    page.drag_slowly(MIDDLE, (MIDDLE.0 + 120.0, MIDDLE.1 - 30.0), Duration::from_secs(3));
+    let (seconds, shown) = (begun.elapsed().as_secs_f64(), page.eval("window.shown").as_u64().unwrap_or(0));
+    page.eval("window.stopCounting()");
+    eprintln!("{shown} previews within {seconds:.1} s of dragging: {:.1} a second", shown as f64 / seconds);
+    assert!(shown >= 3, "{shown} previews in {seconds} s");
+    wait_until_done(page);
+}
+
+fn previews_are_drawn_and_compared(page: &mut Browser, axe: &Axe) {
     let measured = text(page, "document.querySelector('.convergence svg').ariaLabel");
     assert!(measured.starts_with("Error"), "the error is plotted: {measured}");
     let traced = pixels(page);
     click(page, ".compare");
     page.wait_for("document.querySelector('#comparison [role=status]').textContent.startsWith('They differ')");
     page.screenshot("comparison");
+    axe.finds_nothing(page, "the comparison");
     click(page, "#comparison .close");
     choose_option(page, "[data-setting=mode] select", "preview");
     wait_until_done(page);
@@ -260,9 +292,53 @@ fn the_command_makes_the_same_picture(page: &mut Browser, folder: &Path) {
     assert_eq!(difference(&shown, picture.to_rgba8().as_raw()), 0.0, "the command makes the picture on screen");
 }
 
-fn it_fits_a_phone(page: &mut Browser) {
+/// The tab key comes to every control that is to be seen, and where it stands is marked.
+fn everything_is_reached_by_keys(page: &mut Browser) {
+    page.eval(
+        "(() => {
+            for (const details of document.querySelectorAll('details')) details.open = true;
+            window.reached = new Set();
+            window.unmarked = [];
+            document.activeElement?.blur();
+            document.addEventListener('focusin', ({ target }) => {
+                window.reached.add(target);
+                const { outlineStyle, boxShadow } = getComputedStyle(target.matches('.visually-hidden') ? target.nextElementSibling : target);
+                if (outlineStyle === 'none' && boxShadow === 'none') window.unmarked.push(target.outerHTML.slice(0, 120));
+            });
+        })()",
+    );
+    let controls = "[...document.querySelectorAll('a[href], button, input, select, textarea, summary, [tabindex=\"0\"]')]
+        .filter((e) => !e.disabled && e.checkVisibility({ visibilityProperty: true }) && !e.closest('dialog:not([open])'))
+        .filter((e) => e.type !== 'radio' || e.checked)";
+    let count = page.eval(&format!("{controls}.length")).as_u64().expect("a number");
+    for _ in 0..count + 10 {
+        page.key("Tab", 9);
+    }
+    let missed =
+        page.eval(&format!("{controls}.filter((e) => !window.reached.has(e)).map((e) => e.outerHTML.slice(0, 120))"));
+    assert_eq!(missed, serde_json::json!([]), "of {count} controls the tab key does not come to these");
+    assert_eq!(page.eval("window.unmarked"), serde_json::json!([]), "these do not show that they have the focus");
+}
+
+/// With everything unfolded, in both colour schemes.
+fn it_is_accessible(page: &mut Browser, axe: &Axe) {
+    for scheme in ["light", "dark"] {
+        page.emulate(1360, 850, false, scheme);
+        axe.finds_nothing(page, &format!("all panels, {scheme}"));
+    }
+    click(page, ".curl");
+    page.wait_for("document.querySelector('.curl-dialog').open");
+    axe.finds_nothing(page, "the command");
+    click(page, ".curl-dialog .close");
+    page.eval("document.querySelector('main').append(document.createElement('button'))");
+    axe.finds(page, "button-name");
+    page.eval("document.querySelector('main > button').remove()");
+}
+
+fn it_fits_a_phone(page: &mut Browser, axe: &Axe) {
     page.emulate(390, 844, true, "dark");
     page.wait_for("innerWidth === 390");
+    axe.finds_nothing(page, "a phone");
     page.screenshot("phone-dark");
     let wide = page.eval("document.documentElement.scrollWidth");
     assert_eq!(wide, 390, "nothing is wider than the phone");

@@ -14,6 +14,7 @@ on_both_engines! {
     normal_maps_tilt_as_they_say,
     heights_are_in_scene_units,
     reliefs_are_seen_where_a_fine_march_meets_them,
+    reliefs_keep_light_off_themselves,
 }
 
 /// A square of half side `half` in the plane y = 0, u to the right (+x) and v towards +z as in a picture seen from above.
@@ -200,6 +201,34 @@ fn reliefs_are_seen_where_a_fine_march_meets_them(engine: EngineChoice) {
         }
     }
     assert!(worst < 6e-3, "{worst}");
+}
+
+/// Seen from straight above under a low sun: dark where a march of 20,000 steps towards the sun meets the relief, else lit by its normal.
+fn reliefs_keep_light_off_themselves(engine: EngineChoice) {
+    let maps = wave_map();
+    let depth = 0.3;
+    for sun in [[1.0, 0.25, 0.0], [-0.4, 0.3, 0.9]].map(|sun| DVec3::from(sun).normalize()) {
+        let parallax = json!({"image": "waves.png", "scale": depth, "steps": 256, "self_shadow": true});
+        let relief = json!({ "parallax": parallax });
+        let picture = look(engine, "direct", &ground(DAffine3::IDENTITY), &relief, sun, &maps);
+        let (mut dark, mut wrong) = (0, 0);
+        for (index, pixel) in picture.pixels.iter().enumerate() {
+            let (u, v) = (((index % 64) as f64 + 0.5) / 64.0, ((index / 64) as f64 + 0.5) / 64.0);
+            let (du, dv) = slopes(u, v);
+            let facing = DVec3::new(-depth * du / 2.0, 1.0, -depth * dv / 2.0).normalize().dot(sun).max(0.0);
+            let start = depth * (waves(u, v) - 1.0);
+            let is_blocked = (1..20_000).any(|i| {
+                let rise = -start * f64::from(i) / 20_000.0;
+                let aside = rise / sun.y / 2.0;
+                depth * (waves(u + sun.x * aside, v + sun.z * aside) - 1.0) > start + rise + 1e-6
+            });
+            dark += usize::from(is_blocked && facing > 0.1);
+            let expected = if is_blocked { 0.0 } else { facing };
+            wrong += usize::from((f64::from(pixel[0]) - expected).abs() > 1e-2);
+        }
+        assert!(dark > 200, "only {dark} pixels that face the sun are in shadow");
+        assert!(wrong < 60, "{wrong} of 4096 pixels are wrong");
+    }
 }
 
 /// At a grazing view too, all methods give both engines and the preview the same picture.

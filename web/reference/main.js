@@ -15,7 +15,8 @@ function prose(text, tag = "p") {
 
 const paragraphs = (text = "") => text.split(/\n\n+/).filter((part) => part.trim()).map((part) => prose(part.trim()));
 
-const block = (value) => el("pre", {}, typeof value === "string" ? value : JSON.stringify(value, null, 2));
+// Reached by keys, for it may be wider than the page.
+const block = (value) => el("pre", { tabindex: "0" }, typeof value === "string" ? value : JSON.stringify(value, null, 2));
 
 class Reference {
   constructor(contract) {

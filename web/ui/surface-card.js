@@ -75,6 +75,8 @@ class SurfaceCard {
     if (surface.detail === "parallax") {
       const method = { value: surface.method, options: METHODS };
       fields.push(new SelectField("Method", method, this.set("method")).element);
+      const shadow = (value) => this.change({ self_shadow: value }, false);
+      fields.push(new CheckField("Shadow on itself", { value: surface.self_shadow }, shadow).element);
     }
     return fields;
   }

@@ -6,7 +6,7 @@ import { boundingSphere } from "../math/orbit.js";
 import { tidy, tidyAll } from "../math/vector.js";
 
 /** What every surface may have. `texture` and `relief`: uploaded pictures, `{id, name}`. */
-const MAPS = { texture: null, detail: "none", relief: null, scale: 1, method: "relief" };
+const MAPS = { texture: null, detail: "none", relief: null, scale: 1, method: "relief", self_shadow: false };
 
 /** A list of cards with a button that adds one. */
 class SurfaceList {

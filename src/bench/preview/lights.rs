@@ -2,10 +2,11 @@
 
 use super::frames;
 use super::similarity::part_differing;
-use crate::bench::plot;
-use crate::bench::plot::Line;
+use crate::bench::pictures::write_sheet;
+use crate::bench::plot::{self, Line};
 use crate::bench::skip::kernel::{demo_scene, work};
 use crate::compile::compile_scene;
+use crate::film::Picture;
 use crate::render::Work;
 use crate::render::gpu::GpuEngine;
 use crate::scene::Scene;
@@ -38,12 +39,12 @@ enum Radii {
     Shrinking,
 }
 
-/// Writes a table for each demo and kind of radii to `out`, and a plot to `lights.svg` in `folder`.
+/// Writes a table for each demo and kind of radii to `out`, and a plot and pictures to `lights.svg` and `lights.jpg` in `folder`.
 ///
 /// # Errors
 /// A device fault, or a file that cannot be written.
 pub fn run(engine: &mut GpuEngine, side: u32, rounds: u32, folder: &Path, out: &mut dyn Write) -> Result<()> {
-    let mut panels = Vec::new();
+    let (mut panels, mut pictures) = (Vec::new(), Vec::new());
     for demo in ["grid", "emitters"] {
         let scene = demo_scene(demo)?;
         for radii in [Radii::Same, Radii::Shrinking] {
@@ -52,24 +53,29 @@ pub fn run(engine: &mut GpuEngine, side: u32, rounds: u32, folder: &Path, out: &
                 Radii::Shrinking => format!("{demo}, {REACHING} lights a place"),
             };
             writeln!(out, "### {title}\n")?;
-            panels.push((title, table(engine, &scene, radii, (side, rounds), out)?));
+            let (lines, shown) = table(engine, &scene, radii, (side, rounds), out)?;
+            panels.push((title, lines));
+            pictures.push(shown);
             writeln!(out)?;
         }
     }
-    plot::time_over_lights(&folder.join("lights.svg"), &panels)
+    plot::time_over(&folder.join("lights.svg"), "lights", &panels)?;
+    write_sheet(&folder.join("lights.jpg"), &pictures)
 }
 
+/// Also answers the pictures of the last way, by numbers of lights.
 fn table(
     engine: &mut GpuEngine,
     scene: &Scene,
     radii: Radii,
     (side, rounds): (u32, u32),
     out: &mut dyn Write,
-) -> Result<Vec<Line>> {
+) -> Result<(Vec<Line>, Vec<Picture>)> {
     let names: Vec<&str> = WAYS.iter().map(|way| way.0).collect();
     writeln!(out, "| lights | {} | pixels that differ |", names.join(", ms | ") + ", ms")?;
     writeln!(out, "|---{}|", "|---".repeat(WAYS.len() + 1))?;
     let mut lines: Vec<Line> = names.iter().map(|name| Line { name: (*name).to_owned(), points: Vec::new() }).collect();
+    let mut shown = Vec::new();
     for count in COUNTS {
         let works = WAYS.map(|(_, path, culling)| picture(scene, radii, count, side, path, culling));
         let works: Vec<Work> = works.into_iter().collect::<Result<_>>()?;
@@ -80,8 +86,9 @@ fn table(
         for (line, (_, seconds)) in lines.iter_mut().zip(&drawn) {
             line.points.push((count as f64, *seconds));
         }
+        shown.extend(drawn.into_iter().next_back().map(|(picture, _)| picture));
     }
-    Ok(lines)
+    Ok((lines, shown))
 }
 
 fn picture(scene: &Scene, radii: Radii, count: usize, side: u32, path: &str, culling: bool) -> Result<Work> {

@@ -8,14 +8,16 @@ use crate::demo;
 use crate::scene::{self, Package};
 use anyhow::{Context, Result, ensure};
 use serde_json::{Value, json};
-use std::io::Write;
-use std::path::PathBuf;
+use std::io::{Cursor, Write};
+use std::path::{Path, PathBuf};
 use std::time::Instant;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
 
 /// Stages of the report that the table shows.
 const STAGES: [&str; 5] = ["compile", "queue", "device_upload", "trace", "encode"];
 
-/// Writes a table: medians over `rounds` jobs of 512 x 512 pixels after one that warms up, each of another camera. `models`: GLB
+/// Writes a table: medians over `rounds` jobs of 512 x 512 pixels after one that warms up, each of another camera. `models`: glTF
 /// files beside the demos.
 ///
 /// # Errors
@@ -51,7 +53,7 @@ fn files(models: &[PathBuf]) -> Result<Vec<(String, Vec<u8>)>> {
     let mut files: Vec<(String, Vec<u8>)> =
         ["still-life", "grid", "box"].into_iter().map(demo).collect::<Result<_>>()?;
     for path in models {
-        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+        let bytes = packed(path).with_context(|| path.display().to_string())?;
         // Found out here what is wrong with it, rather than from a reply.
         let limits = scene::Limits::default();
         scene::import(&Package::from_bytes(bytes.clone(), &limits)?, &limits)
@@ -60,6 +62,23 @@ fn files(models: &[PathBuf]) -> Result<Vec<(String, Vec<u8>)>> {
         files.push((name, bytes));
     }
     Ok(files)
+}
+
+/// A file as it is; a .gltf as a zip of its folder.
+fn packed(path: &Path) -> Result<Vec<u8>> {
+    let (true, Some(folder)) = (path.extension().is_some_and(|end| end == "gltf"), path.parent()) else {
+        return Ok(std::fs::read(path)?);
+    };
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    for entry in std::fs::read_dir(folder)? {
+        let file = entry?.path();
+        let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        if file.is_file() {
+            zip.start_file(name, SimpleFileOptions::default().compression_method(CompressionMethod::Stored))?;
+            zip.write_all(&std::fs::read(file)?)?;
+        }
+    }
+    Ok(zip.finish()?.into_inner())
 }
 
 /// Seconds in all, then of the stages.

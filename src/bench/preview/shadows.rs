@@ -1,11 +1,15 @@
 //! Shadow algorithms: time per frame against error, by taps, map size, light size and kind of light. The truth is the same light as
 //! a disk, by many rays a pixel.
 
-use super::similarity::{acne_and_leak, relative_mse, relative_rmse, ssim};
-use super::{frame, frames};
+use super::frames;
+use super::similarity::{acne_and_leak, relative_mse, relative_rmse};
+use crate::bench::clock::{Clock, trace};
+use crate::bench::flip::flip;
+use crate::bench::pictures::write_sheet;
 use crate::bench::plot::{self, Line};
 use crate::bench::skip::kernel::demo_scene;
 use crate::compile::{CompiledScene, compile_scene};
+use crate::film::Picture;
 use crate::render::Work;
 use crate::render::gpu::GpuEngine;
 use crate::render::prepare::prepare;
@@ -44,6 +48,11 @@ impl Setting {
         }
     }
 
+    /// One of each algorithm is shown.
+    fn is_shown(&self) -> bool {
+        (self.taps == 1 || self.taps == TAPS[1]) && (self.algorithm == "ray" || self.map_size == MAP_SIZES[0])
+    }
+
     /// All of them; `basic` has one tap, `ray` no map.
     fn all() -> Vec<Self> {
         let mut all = Vec::new();
@@ -64,7 +73,7 @@ struct Measured {
     seconds: f64,
     mse: f64,
     rmse: f64,
-    ssim: f64,
+    flip: f64,
     acne: f64,
     leak: f64,
 }
@@ -74,9 +83,11 @@ struct Case {
     name: String,
     soft: bool,
     measured: Vec<Measured>,
+    /// By the settings that are [`Setting::is_shown`], then the truth.
+    pictures: Vec<Picture>,
 }
 
-/// Writes tables to `out`, every point to `shadows.csv` and a plot to `shadows.svg` in `folder`. `models`: glTF files beside the plane
+/// Writes tables to `out`, every point to `shadows.csv`, a plot to `shadows.svg` and pictures to `shadows.jpg` in `folder`. `models`: glTF files beside the plane
 /// with an object.
 ///
 /// # Errors
@@ -91,15 +102,15 @@ pub fn run(
 ) -> Result<()> {
     let settings = Setting::all();
     let mut cases = Vec::new();
-    for (name, scene) in scenes(models)? {
+    for (name, scene) in scenes(&["still-life"], models)? {
         let compiled = Arc::new(compile_scene(&scene, None)?);
         for light in LIGHTS {
             for size in LIGHT_SIZES {
                 let make = |shadows: Value| picture(&scene, &compiled, light, size, side, shadows);
                 let name = format!("{name}, {light}, size {size}");
                 eprintln!("{name}");
-                let measured = measure(engine, &settings, &make, rounds)?;
-                cases.push(Case { name, soft: size == LIGHT_SIZES[1], measured });
+                let (measured, pictures) = measure(engine, &settings, &make, rounds)?;
+                cases.push(Case { name, soft: size == LIGHT_SIZES[1], measured, pictures });
             }
         }
     }
@@ -109,12 +120,15 @@ pub fn run(
         write_table(&settings, &cases, soft, out)?;
         writeln!(out)?;
     }
-    plot::error_of_settings(&folder.join("shadows.svg"), &panels(&settings, &cases))
+    plot::error_of_settings(&folder.join("shadows.svg"), &panels(&settings, &cases))?;
+    let soft = cases.into_iter().filter(|case| case.soft);
+    write_sheet(&folder.join("shadows.jpg"), &soft.map(|case| case.pictures).collect::<Vec<_>>())
 }
 
-/// The still life's table with things on it, and models that were given.
-fn scenes(models: &[PathBuf]) -> Result<Vec<(String, Scene)>> {
-    let mut scenes = vec![("still-life".to_owned(), demo_scene("still-life")?)];
+/// Demos by their names, and models that were given.
+pub(super) fn scenes(demos: &[&str], models: &[PathBuf]) -> Result<Vec<(String, Scene)>> {
+    let demo = |name: &&str| Ok(((*name).to_owned(), demo_scene(name)?));
+    let mut scenes: Vec<_> = demos.iter().map(demo).collect::<Result<_>>()?;
     if models.is_empty() {
         eprintln!("SKIPPED: real models; give glTF files as arguments");
     }
@@ -160,60 +174,82 @@ fn measure(
     settings: &[Setting],
     make: &dyn Fn(Value) -> Result<Work>,
     rounds: u32,
-) -> Result<Vec<Measured>> {
-    let (open, _) = frame(engine, make(json!({"algorithm": "none"}))?)?;
-    let (truth, _) = frame(engine, make(json!({"algorithm": "ray", "taps": MANY}))?)?;
+) -> Result<(Vec<Measured>, Vec<Picture>)> {
+    let (open, _) = trace(engine, Clock::Wall, &make(json!({"algorithm": "none"}))?)?;
+    let (truth, _) = trace(engine, Clock::Wall, &make(json!({"algorithm": "ray", "taps": MANY}))?)?;
     let shadows = |s: &Setting| json!({"algorithm": s.algorithm, "taps": s.taps, "map_size": s.map_size});
     let works: Vec<Work> = settings.iter().map(|setting| make(shadows(setting))).collect::<Result<_>>()?;
     let drawn = frames(engine, &works, rounds)?;
-    let measured = drawn.into_iter().map(|(picture, seconds)| {
-        let (acne, leak) = acne_and_leak(&picture, &truth, &open);
-        let (mse, rmse) = (relative_mse(&picture, &truth), relative_rmse(&picture, &truth));
-        Measured { seconds, mse, rmse, ssim: ssim(&picture, &truth), acne, leak }
+    let measured = drawn.iter().map(|(picture, seconds)| {
+        let (acne, leak) = acne_and_leak(picture, &truth, &open);
+        let (mse, rmse) = (relative_mse(picture, &truth), relative_rmse(picture, &truth));
+        Measured { seconds: *seconds, mse, rmse, flip: flip(picture, &truth), acne, leak }
     });
-    Ok(measured.collect())
+    let measured = measured.collect();
+    let shown = settings.iter().zip(drawn).filter(|(setting, _)| setting.is_shown()).map(|(_, (picture, _))| picture);
+    Ok((measured, shown.chain([truth]).collect()))
 }
 
 fn write_csv(path: &Path, settings: &[Setting], cases: &[Case]) -> Result<()> {
-    let mut text = "case,algorithm,taps,map_size,seconds,rel_rmse,ssim,acne,leak\n".to_owned();
+    let mut text = "case,algorithm,taps,map_size,seconds,rel_rmse,flip,acne,leak\n".to_owned();
     for case in cases {
         for (s, m) in settings.iter().zip(&case.measured) {
-            let (name, Measured { seconds, rmse, ssim, acne, leak, .. }) = (&case.name, m);
+            let (name, Measured { seconds, rmse, flip, acne, leak, .. }) = (&case.name, m);
             let (algorithm, taps, size) = (s.algorithm, s.taps, s.map_size);
             writeln!(
                 text,
-                "\"{name}\",{algorithm},{taps},{size},{seconds:.6},{rmse:.6},{ssim:.6},{acne:.6},{leak:.6}"
+                "\"{name}\",{algorithm},{taps},{size},{seconds:.6},{rmse:.6},{flip:.6},{acne:.6},{leak:.6}"
             )?;
         }
     }
     std::fs::write(path, text).with_context(|| path.display().to_string())
 }
 
-/// Means over the cases with lights of one size; the Pareto front is marked.
+/// Means over the cases with lights of one size; then the Pareto fronts by name.
 fn write_table(settings: &[Setting], cases: &[Case], soft: bool, out: &mut dyn Write) -> Result<()> {
     let chosen: Vec<&Case> = cases.iter().filter(|case| case.soft == soft).collect();
-    let mean = |index: usize, value: fn(&Measured) -> f64| {
-        chosen.iter().map(|case| value(&case.measured[index])).sum::<f64>() / chosen.len().max(1) as f64
+    let mean = |value: fn(&Measured) -> f64| -> Vec<f64> {
+        let of = |index: usize| chosen.iter().map(|case| value(&case.measured[index])).sum::<f64>();
+        (0..settings.len()).map(|index| of(index) / chosen.len().max(1) as f64).collect()
     };
-    let points: Vec<(f64, f64)> =
-        (0..settings.len()).map(|index| (mean(index, |m| m.seconds), mean(index, |m| m.rmse))).collect();
-    writeln!(out, "| algorithm | ms a frame | RMSE / mean | SSIM | acne | leak | Pareto |")?;
+    let [seconds, rmse, flip] = [mean(|m| m.seconds), mean(|m| m.rmse), mean(|m| m.flip)];
+    let (acne, leak) = (mean(|m| m.acne), mean(|m| m.leak));
+    let fronts = [front(&seconds, &rmse), front(&seconds, &flip)];
+    writeln!(out, "| algorithm | ms a frame | RMSE / mean | FLIP | acne | leak | Pareto |")?;
     writeln!(out, "|---|---|---|---|---|---|---|")?;
-    for (index, setting) in settings.iter().enumerate() {
-        let (seconds, rmse) = points[index];
-        let beaten = points.iter().any(|&(s, e)| s <= seconds && e <= rmse && (s, e) != (seconds, rmse));
-        let mark = if beaten { "" } else { "front" };
+    for (i, setting) in settings.iter().enumerate() {
+        let marks: Vec<&str> =
+            fronts.iter().zip(["RMSE", "FLIP"]).filter(|(f, _)| f.contains(&i)).map(|(_, m)| m).collect();
         writeln!(
             out,
-            "| {} | {:.1} | {rmse:.4} | {:.4} | {:.4} | {:.4} | {mark} |",
+            "| {} | {:.1} | {:.4} | {:.4} | {:.4} | {:.4} | {} |",
             setting.name(),
-            1e3 * seconds,
-            mean(index, |m| m.ssim),
-            mean(index, |m| m.acne),
-            mean(index, |m| m.leak),
+            1e3 * seconds[i],
+            rmse[i],
+            flip[i],
+            acne[i],
+            leak[i],
+            marks.join(", ")
         )?;
     }
+    for (front, name) in fronts.iter().zip(["RMSE", "FLIP"]) {
+        let names: Vec<String> = front.iter().map(|&index| settings[index].name()).collect();
+        writeln!(out, "\nPareto front by {name}, from the fastest on: {}.", names.join("; "))?;
+    }
     Ok(())
+}
+
+/// Settings than which none is both faster and nearer to the truth, from the fastest on.
+fn front(seconds: &[f64], errors: &[f64]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..seconds.len()).collect();
+    order.sort_by(|&a, &b| seconds[a].total_cmp(&seconds[b]).then(errors[a].total_cmp(&errors[b])));
+    let mut least = f64::INFINITY;
+    order.retain(|&index| {
+        let is_nearer = errors[index] < least;
+        least = least.min(errors[index]);
+        is_nearer
+    });
+    order
 }
 
 /// A panel a case, a colour an algorithm.
@@ -224,4 +260,20 @@ fn panels(settings: &[Setting], cases: &[Case]) -> Vec<(String, Vec<Line>)> {
         Line { name: algorithm.to_owned(), points }
     };
     cases.iter().map(|case| (case.name.clone(), ALGORITHMS.map(|name| line(case, name)).into())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_front_has_what_nothing_beats() {
+        assert_eq!(front(&[3.0, 1.0, 2.0, 2.0, 4.0], &[0.1, 0.5, 0.6, 0.2, 0.1]), [1, 3, 0]);
+    }
+
+    #[test]
+    fn each_algorithm_is_shown_once() {
+        let shown: Vec<&str> = Setting::all().iter().filter(|s| s.is_shown()).map(|s| s.algorithm).collect();
+        assert_eq!(shown, ALGORITHMS);
+    }
 }

@@ -1,10 +1,9 @@
 //! Two ways to the same picture: which is faster, and whether it is the same.
 
+use crate::bench::clock::{self, Clock};
 use crate::film::Picture;
-use crate::render::prepare::render_to_end;
 use crate::render::{Engine, RenderError, Work};
 use std::fmt;
-use std::time::Duration;
 
 /// Side of the blocks of pixels whose means are compared.
 const BLOCK: usize = 16;
@@ -28,19 +27,20 @@ pub struct Pair {
 /// A row of the table.
 pub struct Row<'a> {
     pair: &'a Pair,
-    lean: Duration,
-    full: Duration,
+    /// Seconds.
+    lean: f64,
+    full: f64,
     equality: Equality,
 }
 
 /// Traces both ways in turns; the first round warms up and does not count.
-pub fn trace<'a>(engine: &mut dyn Engine, pair: &'a Pair, rounds: u32) -> Result<Row<'a>, RenderError> {
+pub fn trace<'a>(engine: &mut dyn Engine, clock: Clock, pair: &'a Pair, rounds: u32) -> Result<Row<'a>, RenderError> {
     let (mut lean, mut full) = (Side::default(), Side::default());
     for seed in 0..=rounds {
         for (side, work) in [(&mut full, &pair.full), (&mut lean, &pair.lean)] {
-            let (picture, time) = picture(engine, work, seed)?;
+            let (picture, seconds) = picture(engine, clock, work, seed)?;
             if seed > 0 {
-                side.add(picture, time);
+                side.add(picture, seconds);
             }
         }
     }
@@ -48,36 +48,35 @@ pub fn trace<'a>(engine: &mut dyn Engine, pair: &'a Pair, rounds: u32) -> Result
     Ok(Row { pair, lean: lean.best, full: full.best, equality })
 }
 
-/// The picture of a seed, and the time that tracing took.
-pub fn picture(engine: &mut dyn Engine, work: &Work, seed: u32) -> Result<(Picture, Duration), RenderError> {
+/// The picture of a seed, and the seconds that tracing took.
+pub fn picture(engine: &mut dyn Engine, clock: Clock, work: &Work, seed: u32) -> Result<(Picture, f64), RenderError> {
     let mut work = work.clone();
     work.settings.seed = seed;
-    let rendered = render_to_end(engine, work, &mut |_| {})?;
-    Ok((rendered.film.picture(), rendered.trace))
+    clock::trace(engine, clock, &work)
 }
 
 /// Rounds of one way.
 struct Side {
     pictures: Vec<Picture>,
-    best: Duration,
+    best: f64,
 }
 
 impl Default for Side {
     fn default() -> Self {
-        Self { pictures: Vec::new(), best: Duration::MAX }
+        Self { pictures: Vec::new(), best: f64::INFINITY }
     }
 }
 
 impl Side {
-    fn add(&mut self, picture: Picture, time: Duration) {
+    fn add(&mut self, picture: Picture, seconds: f64) {
         self.pictures.push(picture);
-        self.best = self.best.min(time);
+        self.best = self.best.min(seconds);
     }
 }
 
 impl fmt::Display for Row<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [full, lean] = [self.full, self.lean].map(|time| time.as_secs_f64() * 1e3);
+        let [full, lean] = [self.full, self.lean].map(|seconds| seconds * 1e3);
         let (Pair { what, scene, .. }, equality) = (self.pair, self.equality);
         write!(f, "| {what} | {scene} | {full:.0} | {lean:.0} | {:.2} | {equality} |", full / lean)
     }

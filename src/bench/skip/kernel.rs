@@ -85,7 +85,7 @@ pub fn pairs() -> Result<Vec<Pair>> {
 }
 
 /// The same work with more of the kernel.
-fn forced(what: &'static str, scene: &'static str, lean: &Work, force: impl FnOnce(&mut Features)) -> Result<Pair> {
+pub fn forced(what: &'static str, scene: &'static str, lean: &Work, force: impl FnOnce(&mut Features)) -> Result<Pair> {
     let mut full = lean.clone();
     force(&mut full.features);
     ensure!(full.features != lean.features, "{what}: {scene} needs it");

@@ -222,6 +222,9 @@ impl Integrator {
         if (above > 0.0) != (scattered.wi.z > 0.0) || above == 0.0 || only_mirrors && scattered.pdf.is_some() {
             return false;
         }
+        if vertex.surface.relief_shadows(direction) {
+            return false;
+        }
         path.throughput *= scattered.weight;
         match &vertex.bsdf {
             Reflection::Layered(layered) if layered.is_straight(scattered.wi) => path.passed += distance,
@@ -288,7 +291,7 @@ impl Integrator {
         let (value, pdf) = vertex.bsdf.evaluate(wi);
         let weight = light.pdf.map_or(1.0, |taken| self.sampled_weight(taken, pdf));
         let contribution = value * light.weight * weight;
-        if contribution.max_element() <= 0.0 {
+        if contribution.max_element() <= 0.0 || vertex.surface.relief_shadows(light.direction.normalize()) {
             return ambient;
         }
         let ends = [vertex.surface.primitive, light.end];

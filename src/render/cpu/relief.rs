@@ -7,6 +7,9 @@ use glam::{DVec2, DVec3};
 /// Halvings that follow the steps of a search.
 const REFINEMENTS: u32 = 10;
 
+/// Rounding of a height that is interpolated between texels of 16 bits; as wide as where numbers are f32.
+const HEIGHT_ROUNDING: f64 = 4e-6;
+
 /// Cosine of the view below which a relief is looked at as if at this one: the way through it would have no end.
 const LEAST_COSINE: f64 = 0.02;
 
@@ -115,6 +118,26 @@ impl Relief<'_> {
             Detail::OFFSET_LIMITED => limited * depth(0.0),
             kind => whole * search(self.detail.steps, kind == Detail::RELIEF, depth),
         }
+    }
+
+    /// Whether it stands between the point of it at these coordinates and light from a direction of unit length (Tatarchuk 2006,
+    /// "Dynamic Parallax Occlusion Mapping with Approximate Soft Shadows", its hard form).
+    pub fn blocks(&self, uvs: [DVec2; 2], direction: DVec3) -> bool {
+        let cosine = self.normal.dot(direction);
+        if cosine <= 0.0 {
+            return false;
+        }
+        let map = &self.detail.map;
+        let start = texel_position(map, uvs);
+        let height = self.height(start);
+        // Up to the surface, the relief's highest.
+        let depth = f64::from(self.detail.scale) * (1.0 - height);
+        let sideways = direction.reject_from_normalized(self.normal) * (depth / cosine.max(LEAST_COSINE));
+        let whole = DVec2::new(sideways.dot(self.chart.u), sideways.dot(self.chart.v));
+        let row = |row: [f32; 3]| f64::from(row[0]) * whole.x + f64::from(row[1]) * whole.y;
+        let way = DVec2::new(row(map.row_u), row(map.row_v)) * size(map);
+        let mut parts = (1..self.detail.steps).map(|step| f64::from(step) / f64::from(self.detail.steps));
+        parts.any(|part| self.height(start + part * way) > height + part * (1.0 - height) + HEIGHT_ROUNDING)
     }
 }
 

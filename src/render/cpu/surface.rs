@@ -6,7 +6,7 @@ use super::material::Layers;
 use super::relief::{Chart, Relief};
 use super::sphere;
 use super::texture::{self, Encoding};
-use crate::compile::{CompiledScene, Extended, Instance, Material, NONE, Slot, TextureSlot, Triangle};
+use crate::compile::{CompiledScene, Detail, Extended, Instance, Material, NONE, Slot, TextureSlot, Triangle};
 use glam::{DMat3, DVec2, DVec3, DVec4};
 
 /// Bound of the relative error of `n` f64 roundings (Higham 2002, 3.1).
@@ -121,6 +121,28 @@ impl<'a> Surface<'a> {
         // A relief that is seen through keeps the material's own normal map; the others replace it.
         let keeps_own = relief.has_parallax() && self.material.normal_texture.info != NONE;
         (!keeps_own).then(|| relief.bent_normal(self.uvs))
+    }
+
+    /// Whether the material's relief keeps light from a direction, of unit length, off the point of it that is seen.
+    pub fn relief_shadows(&self, direction: DVec3) -> bool {
+        let Some(index) = self.material.detail.checked_sub(1).filter(|_| !self.back) else { return false };
+        self.scene.details.get(index as usize).is_some_and(|detail| self.is_blocked_by(detail, direction))
+    }
+
+    #[inline(never)]
+    fn is_blocked_by(&self, detail: &Detail, direction: DVec3) -> bool {
+        if detail.self_shadow == 0 {
+            return false;
+        }
+        let (scene, record) = (self.scene, &self.scene.triangles[self.primitive.triangle as usize]);
+        let chart = if record.is_sphere() {
+            sphere::layout(record, self.geometric_normal).1
+        } else {
+            let (instance, vertices) = self.stored();
+            triangle_chart(scene, record, instance, vertices, Relief::uv_set(detail))
+        };
+        let relief = Relief { detail, pages: &scene.data_pages, chart, normal: self.geometric_normal };
+        relief.blocks(self.uvs, direction)
     }
 
     /// Value of one of the material's textures; white if there is none.

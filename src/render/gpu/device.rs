@@ -14,6 +14,9 @@ const STORAGE_TEXTURES: u32 = 4;
 /// Longest wait for one dispatch, many times its intended length, before the device counts as lost.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// The same of a software device, which waits for processors as any program does.
+const SOFTWARE_PATIENCE: Duration = Duration::from_secs(600);
+
 /// A device and its queue.
 pub struct Gpu {
     /// For everything that is created.
@@ -63,7 +66,8 @@ impl Gpu {
     /// # Errors
     /// [`RenderError::DeviceLost`] if the device does not answer, or what the driver complained of.
     pub fn wait(&self) -> Result<(), RenderError> {
-        let poll = wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) };
+        let patience = if self.info.hardware { PATIENCE } else { SOFTWARE_PATIENCE };
+        let poll = wgpu::PollType::Wait { submission_index: None, timeout: Some(patience) };
         let polled = self.device.poll(poll);
         self.fault()?;
         polled.map(|_| ()).map_err(|e| RenderError::DeviceLost(e.to_string()))

@@ -283,6 +283,7 @@ mod tests {
         assert_eq!(value("DETAIL_WORDS") as usize, size_of::<Detail>() / 4);
         assert_eq!(value("AT_DETAIL_SCALE") as usize, offset_of!(Detail, scale) / 4);
         assert_eq!(value("AT_DETAIL_STEPS") as usize, offset_of!(Detail, steps) / 4);
+        assert_eq!(value("AT_DETAIL_SELF_SHADOW") as usize, offset_of!(Detail, self_shadow) / 4);
         assert_eq!(value("AT_DETAIL_MAP") as usize, offset_of!(Detail, map) / 4);
         assert_eq!(value("DOUBLE_SIDED"), Material::DOUBLE_SIDED);
         assert_eq!(value("UNLIT_BIT"), Material::UNLIT);

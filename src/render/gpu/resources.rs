@@ -220,7 +220,7 @@ fn tile_tables(hdri: &Hdri) -> (Vec<Share>, (u32, u32, u32)) {
     (table, (width as u32, height as u32, 1))
 }
 
-fn texture(
+pub(in crate::render) fn texture(
     gpu: &Gpu,
     label: &str,
     size: (u32, u32, u32),

@@ -1,11 +1,9 @@
 //! The environment as spherical harmonics (Ramamoorthi and Hanrahan 2001, "An Efficient Representation for Irradiance Environment
 //! Maps").
 
-use crate::compile::{Environment, EnvironmentKind, Hdri};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
-use std::sync::{Arc, Weak};
 
 /// Coefficients of irradiance over pi, in the environment's own frame at intensity 1, in the order and with the polynomials of
 /// `shaders/preview/shading.wesl`.
@@ -31,45 +29,13 @@ const WEIGHTS: [f64; 9] = {
     ]
 };
 
-/// Harmonics of pictures, kept as long as these live.
-#[derive(Default)]
-pub struct HarmonicsCache(Vec<(Weak<Hdri>, Harmonics)>);
-
-impl HarmonicsCache {
-    /// The harmonics of an environment.
-    pub fn get(&mut self, environment: &Environment) -> Harmonics {
-        match &environment.kind {
-            EnvironmentKind::None => [[0.0; 4]; 9],
-            EnvironmentKind::Constant(radiance) => {
-                let mut harmonics = [[0.0; 4]; 9];
-                harmonics[0] = radiance.extend(0.0).to_array();
-                harmonics
-            }
-            EnvironmentKind::Gradient { top, horizon, bottom } => {
-                let at = |v: f64| {
-                    let y = (PI * v).cos() as f32;
-                    horizon.lerp(if y > 0.0 { *top } else { *bottom }, y.abs())
-                };
-                harmonics(2 * ROWS, ROWS, |_, y| at((f64::from(y) + 0.5) / f64::from(ROWS)))
-            }
-            EnvironmentKind::Hdri(hdri) => self.of_picture(hdri),
-        }
-    }
-
-    fn of_picture(&mut self, hdri: &Arc<Hdri>) -> Harmonics {
-        self.0.retain(|(weak, _)| weak.strong_count() > 0);
-        if let Some((_, known)) = self.0.iter().find(|(weak, _)| std::ptr::eq(weak.as_ptr(), Arc::as_ptr(hdri))) {
-            return *known;
-        }
-        let texel = |x, y| Vec3::from_array(hdri.texels[y as usize * hdri.width as usize + x as usize]);
-        let found = harmonics(hdri.width, hdri.height, texel);
-        self.0.push((Arc::downgrade(hdri), found));
-        found
-    }
+/// Of radiance that depends on the height of its direction alone.
+pub fn of_heights(radiance: impl Fn(f32) -> Vec3 + Sync) -> Harmonics {
+    of_picture(2 * ROWS, ROWS, |_, y| radiance((PI * (f64::from(y) + 0.5) / f64::from(ROWS)).cos() as f32))
 }
 
 /// Integrals over an equirectangular picture.
-fn harmonics(width: u32, height: u32, radiance: impl Fn(u32, u32) -> Vec3 + Sync) -> Harmonics {
+pub fn of_picture(width: u32, height: u32, radiance: impl Fn(u32, u32) -> Vec3 + Sync) -> Harmonics {
     let row = |y: u32| {
         let theta = |edge: u32| PI * f64::from(edge) / f64::from(height);
         let solid_angle = (theta(y).cos() - theta(y + 1).cos()) * TAU / f64::from(width);
@@ -111,7 +77,7 @@ mod tests {
 
     #[test]
     fn a_white_sky_is_white_from_everywhere() {
-        let white = harmonics(64, 32, |_, _| Vec3::ONE);
+        let white = of_picture(64, 32, |_, _| Vec3::ONE);
         for normal in [Vec3::X, Vec3::Y, Vec3::NEG_Z, Vec3::ONE.normalize()] {
             assert!((evaluated(&white, normal) - 1.0).abs() < 2e-3);
         }
@@ -120,7 +86,7 @@ mod tests {
     /// Radiance `1 + y` is 1 + 2/3 n.y in irradiance over pi: bands 0 and 1 are exact.
     #[test]
     fn a_linear_sky_is_exact() {
-        let sky = harmonics(256, 128, |_, y| Vec3::splat(1.0 + (PI * (f64::from(y) + 0.5) / 128.0).cos() as f32));
+        let sky = of_picture(256, 128, |_, y| Vec3::splat(1.0 + (PI * (f64::from(y) + 0.5) / 128.0).cos() as f32));
         for normal in [Vec3::Y, Vec3::NEG_Y, Vec3::X, Vec3::new(0.6, 0.8, 0.0)] {
             let expected = 1.0 + 2.0 / 3.0 * f64::from(normal.y);
             assert!((evaluated(&sky, normal) - expected).abs() < 1e-3, "{normal}");
@@ -130,7 +96,7 @@ mod tests {
     /// The squares of x and z differ by band 2 alone.
     #[test]
     fn a_square_sky_is_exact() {
-        let sky = harmonics(256, 128, |x, y| {
+        let sky = of_picture(256, 128, |x, y| {
             let theta = PI * (f64::from(y) + 0.5) / 128.0;
             let phi = TAU * ((f64::from(x) + 0.5) / 256.0 - 0.5);
             Vec3::splat((theta.sin() * phi.cos()).powi(2) as f32)

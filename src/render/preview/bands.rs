@@ -1,14 +1,16 @@
 //! How many rows to light at a time, so that another job, a cancel or a watchdog need not wait for a heavy picture.
 
 use super::lights::PreviewLights;
-use crate::params::ShadowAlgorithm;
-use crate::render::Work;
+use crate::params::{ShadowAlgorithm, ShadowParams};
 use std::time::Duration;
 
 /// What a band should take: a usual picture is one.
 const TARGET: Duration = Duration::from_millis(100);
 /// Lights and shadow tests of the first band, at most, before anything has been measured.
 const FIRST: f64 = (1 << 24) as f64;
+
+/// Look-ups of a map that cost what a ray does.
+const RAY: u32 = 32;
 
 /// Rows of the next band.
 #[derive(Debug, Clone, Copy)]
@@ -19,18 +21,18 @@ pub struct Bands {
 
 impl Bands {
     /// From the most that each pixel could cost.
-    pub fn new(work: &Work, lights: &PreviewLights) -> Self {
-        let shadows = &work.settings.preview.shadows;
+    pub fn new((width, height): (u32, u32), shadows: &ShadowParams, lights: &PreviewLights) -> Self {
         let tests = match shadows.algorithm {
             ShadowAlgorithm::None => 0,
             ShadowAlgorithm::Basic => 1,
-            ShadowAlgorithm::Pcf | ShadowAlgorithm::Noise | ShadowAlgorithm::Ray => shadows.taps,
+            ShadowAlgorithm::Pcf | ShadowAlgorithm::Noise => shadows.taps,
+            ShadowAlgorithm::Ray => RAY * shadows.taps,
             ShadowAlgorithm::Pcss | ShadowAlgorithm::PcssNoise => 2 * shadows.taps,
         };
         let casting = lights.lights.iter().filter(|light| light.face_count > 0).count();
         let per_pixel = 1.0 + lights.lights.len() as f64 + casting as f64 * f64::from(tests);
-        let rows = FIRST / (per_pixel * f64::from(work.view.width));
-        let height = f64::from(work.view.height);
+        let rows = FIRST / (per_pixel * f64::from(width));
+        let height = f64::from(height);
         Self { rows: rows.clamp(1.0, height), height }
     }
 
@@ -51,6 +53,21 @@ impl Bands {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::preview::layout::PreviewLight;
+    use bytemuck::Zeroable;
+
+    /// Rays are slow: a picture of many begins with few rows.
+    #[test]
+    fn rays_begin_with_fewer_rows_than_taps() {
+        let light = PreviewLight { face_count: 1, ..PreviewLight::zeroed() };
+        let lights = PreviewLights { lights: vec![light], ..PreviewLights::default() };
+        let rows = |algorithm| {
+            let shadows = ShadowParams { algorithm, taps: 256, ..ShadowParams::default() };
+            Bands::new((1024, 1024), &shadows, &lights).rows()
+        };
+        let [rays, taps] = [ShadowAlgorithm::Ray, ShadowAlgorithm::Pcf].map(rows);
+        assert!(rays >= 1 && 16 * rays <= taps, "{rays}, {taps}");
+    }
 
     #[test]
     fn bands_grow_and_shrink_towards_the_target() {

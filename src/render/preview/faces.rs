@@ -1,7 +1,7 @@
 //! Shadow maps' frusta, fitted to what can cast a shadow.
 
-use super::layout::{PreviewLight, Projection};
-use crate::compile::{Bounds, PunctualKind};
+use super::layout::Projection;
+use crate::compile::{Bounds, PunctualKind, PunctualLight};
 use crate::params::MAX_SHADOW_LIGHTS;
 use glam::{Vec3, Vec4};
 
@@ -18,7 +18,7 @@ const MARGIN: f32 = 1.001;
 const CUBE_SCALE: f32 = 0.999;
 
 /// The maps of a light: none if its shadows cannot reach the scene.
-pub fn fit(light: &PreviewLight, bounds: &Bounds) -> Vec<Projection> {
+pub fn fit(light: &PunctualLight, bounds: &Bounds) -> Vec<Projection> {
     let direction = Vec3::from_array(light.direction);
     if light.kind == PunctualKind::Directional as u32 {
         return vec![parallel(direction, bounds)];
@@ -126,8 +126,8 @@ mod tests {
 
     const BOUNDS: Bounds = Bounds { min: Vec3::new(-1.0, 0.0, -2.0), max: Vec3::new(1.0, 3.0, 2.0) };
 
-    fn light(kind: PunctualKind, position: Vec3, direction: Vec3, outer: f32) -> PreviewLight {
-        PreviewLight {
+    fn light(kind: PunctualKind, position: Vec3, direction: Vec3, outer: f32) -> PunctualLight {
+        PunctualLight {
             position: position.to_array(),
             kind: kind as u32,
             direction: direction.normalize().to_array(),
@@ -135,9 +135,7 @@ mod tests {
             intensity: [1.0; 3],
             inner: 1.0,
             outer,
-            radius: f32::INFINITY,
-            first_face: 0,
-            face_count: 0,
+            ..PunctualLight::default()
         }
     }
 

@@ -68,6 +68,8 @@ pub struct Binder<'a> {
     pub environment: &'a GpuEnvironment,
     /// Tables of lobes.
     pub albedo: &'a wgpu::TextureView,
+    /// The environment prefiltered.
+    pub reflected: &'a wgpu::TextureView,
 }
 
 impl Binder<'_> {
@@ -108,6 +110,7 @@ impl Binder<'_> {
                     (2, targets.masks.as_entire_binding()),
                     (3, uploads.faces.as_entire_binding()),
                     (4, texture(maps)),
+                    (5, texture(self.reflected)),
                 ],
             ),
             blended: list(&uploads.blended),

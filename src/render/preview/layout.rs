@@ -1,5 +1,6 @@
 //! Rust mirrors of the structs of `shaders/preview/bindings.wesl`. A test compares every offset by reflection.
 
+use crate::compile::PunctualLight;
 use bytemuck::{Pod, Zeroable};
 
 /// From world to a picture: the camera's or a shadow map's.
@@ -57,20 +58,15 @@ pub struct Preview {
 }
 
 /// A light, where it ends, and its shadow maps.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 #[allow(missing_docs, reason = "named as in the shader")]
 pub struct PreviewLight {
-    pub position: [f32; 3],
-    pub kind: u32,
-    pub direction: [f32; 3],
-    pub range: f32,
-    pub intensity: [f32; 3],
-    pub inner: f32,
-    pub outer: f32,
+    pub source: PunctualLight,
     pub radius: f32,
     pub first_face: u32,
     pub face_count: u32,
+    pub pad: u32,
 }
 
 #[cfg(test)]
@@ -130,10 +126,7 @@ mod tests {
                 harmonics,
             }
         );
-        assert_mirrors!(
-            module,
-            PreviewLight { position, kind, direction, range, intensity, inner, outer, radius, first_face, face_count }
-        );
+        assert_mirrors!(module, PreviewLight { source, radius, first_face, face_count });
         assert!(FINISH_WGSL.contains(&format!("array<Projection, {MAX_FACES}>")));
     }
 }

@@ -65,6 +65,7 @@ impl Layouts {
                 (2, ShaderStages::FRAGMENT | ShaderStages::COMPUTE, storage(true)),
                 (3, ShaderStages::FRAGMENT | ShaderStages::COMPUTE, uniform(false)),
                 (4, ShaderStages::FRAGMENT | ShaderStages::COMPUTE, pages(TextureSampleType::Depth)),
+                (5, ShaderStages::FRAGMENT | ShaderStages::COMPUTE, texture(float())),
             ],
         );
         let listed = group(gpu, "listed", &[(0, ShaderStages::VERTEX, storage(true))]);

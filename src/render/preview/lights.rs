@@ -24,8 +24,14 @@ pub struct PreviewLights {
 impl PreviewLights {
     /// The lights of a scene under the given choices. A light that ends where it begins is left out.
     pub fn new(scene: &CompiledScene, lights: &[PunctualLight], params: &PreviewParams) -> Self {
-        let ends = lights.iter().map(|light| preview_light(light, radius(light, params)));
-        let mut lights: Vec<_> = ends.filter(|light| light.radius > 0.0).collect();
+        let end = |source: &PunctualLight| PreviewLight {
+            source: *source,
+            radius: radius(source, params),
+            first_face: 0,
+            face_count: 0,
+            pad: 0,
+        };
+        let mut lights: Vec<_> = lights.iter().map(end).filter(|light| light.radius > 0.0).collect();
         lights.sort_by_key(|light| light.radius.is_finite());
         let unbounded = lights.iter().filter(|light| !light.radius.is_finite()).count() as u32;
         let mut all = Self { lights, unbounded, faces: Vec::new() };
@@ -38,23 +44,18 @@ impl PreviewLights {
             return;
         }
         let mut order: Vec<usize> = (0..self.lights.len()).collect();
-        let strength = |index: &usize| strength(&self.lights[*index], scene);
+        let strength = |index: &usize| strength(&self.lights[*index].source, scene);
         order.sort_by(|a, b| strength(b).total_cmp(&strength(a)).then(a.cmp(b)));
         order.truncate(params.shadows.max_lights as usize);
         order.sort_by_key(|&index| Reverse(index));
         while let Some(index) = order.pop() {
             let light = &mut self.lights[index];
-            let fitted = faces::fit(light, &scene.bounds);
+            let fitted = faces::fit(&light.source, &scene.bounds);
             light.first_face = self.faces.len() as u32;
             light.face_count = fitted.len() as u32;
             self.faces.extend(fitted);
         }
     }
-}
-
-fn preview_light(light: &PunctualLight, radius: f32) -> PreviewLight {
-    let PunctualLight { position, kind, direction, range, intensity, inner, outer, .. } = *light;
-    PreviewLight { position, kind, direction, range, intensity, inner, outer, radius, first_face: 0, face_count: 0 }
 }
 
 /// Distance at which a light ends.
@@ -87,7 +88,7 @@ fn polynomial_radius(params: &PreviewParams, ratio: f32) -> f32 {
 }
 
 /// Illuminance at the scene's centre, or at its edge if the light is nearer than that.
-fn strength(light: &PreviewLight, scene: &CompiledScene) -> f64 {
+fn strength(light: &PunctualLight, scene: &CompiledScene) -> f64 {
     let brightest = f64::from(light.intensity.into_iter().fold(0.0, f32::max));
     if light.kind == PunctualKind::Directional as u32 {
         return brightest;
@@ -145,7 +146,7 @@ mod tests {
         let mut params = with(AttenuationKind::Physical);
         params.shadows.max_lights = 2;
         let all = PreviewLights::new(&scene, &lights, &params);
-        assert_eq!(all.lights.iter().map(|light| light.intensity[0]).collect::<Vec<_>>(), [2.0, 3.0, 1.0, 9.0]);
+        assert_eq!(all.lights.iter().map(|light| light.source.intensity[0]).collect::<Vec<_>>(), [2.0, 3.0, 1.0, 9.0]);
         assert_eq!(all.unbounded, 2);
         assert_eq!(all.lights.iter().map(|light| light.face_count).collect::<Vec<_>>(), [0, 6, 0, 6]);
         assert_eq!(all.faces.len(), 12);

@@ -15,16 +15,18 @@ mod layout;
 mod layouts;
 mod lights;
 mod pipelines;
+mod prefilter;
 mod render;
 mod shadow_maps;
+mod surroundings;
 mod targets;
 
 pub use render::PreviewRender;
 
 use crate::render::gpu::Gpu;
-use ambient::HarmonicsCache;
 use layouts::Layouts;
 use pipelines::Pipelines;
+use surroundings::SurroundingsCache;
 use targets::TargetCache;
 
 /// What previews leave behind for the next ones.
@@ -32,7 +34,7 @@ pub struct Previews {
     layouts: Layouts,
     pipelines: Pipelines,
     targets: TargetCache,
-    harmonics: HarmonicsCache,
+    surroundings: SurroundingsCache,
 }
 
 impl Previews {
@@ -42,7 +44,7 @@ impl Previews {
             layouts: Layouts::new(gpu),
             pipelines: Pipelines::new(),
             targets: TargetCache::default(),
-            harmonics: HarmonicsCache::default(),
+            surroundings: SurroundingsCache::default(),
         }
     }
 }

@@ -92,8 +92,15 @@ impl PreviewRender {
         let uploads = Uploads::new(gpu, work, &lights, &listed)?;
         let maps = ShadowMaps::new(gpu, params, lights.faces.len() as u32)?;
         let albedo = resources.albedo(gpu, &work.scene);
-        let binder =
-            Binder { gpu, layouts: &previews.layouts, scene: &scene, environment: &environment, albedo: &albedo };
+        let surroundings = previews.surroundings.get(gpu, &work.lighting.environment);
+        let binder = Binder {
+            gpu,
+            layouts: &previews.layouts,
+            scene: &scene,
+            environment: &environment,
+            albedo: &albedo,
+            reflected: &surroundings.reflected,
+        };
         let groups = binder.groups(&uploads, &targets, &maps.array);
         let style = Style::new(gpu, work, &lights);
         let passes = Passes {
@@ -105,7 +112,7 @@ impl PreviewRender {
         };
         let pipelines = passes.pipelines(gpu, &mut previews.pipelines, &previews.layouts, style);
         let mut preview = shading_values(params, &work.scene);
-        preview.harmonics = previews.harmonics.get(&work.lighting.environment);
+        preview.harmonics = surroundings.harmonics;
         preview.tiles_across = targets.grid.across;
         preview.tiles_down = targets.grid.down;
         preview.tile_side = targets.grid.side;
@@ -137,7 +144,7 @@ impl PreviewRender {
             film: Film::new(extent.width, extent.height),
             done: 0,
             row: 0,
-            bands: Bands::new(work, &lights),
+            bands: Bands::new((extent.width, extent.height), &params.shadows, &lights),
             collected: Instant::now(),
             count: work.settings.max_samples.max(1),
             deadline: work.settings.deadline,

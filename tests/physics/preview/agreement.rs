@@ -1,13 +1,15 @@
 //! Where the models are the same, so are the pictures.
 
 use super::{STEP, difference, drawn, merge, preview, request};
-use crate::support::{grey, lambert, render, scene, sphere, square, work};
+use crate::support::{grey, lambert, render, scene, sphere, square, work, work_with_hdri};
+use candela::compile::Hdri;
 use candela::film::Picture;
 use candela::params::EngineChoice;
 use candela::render::Work;
 use candela::scene::{Material, Scene};
 use glam::{DAffine3, DVec3, Vec4};
 use serde_json::{Value, json};
+use std::sync::Arc;
 
 /// One light each: with more of them the tracer picks by chance.
 fn lights() -> Vec<Value> {
@@ -96,6 +98,61 @@ fn even_light_is_the_same_by_all_ways() {
     let expected = render(EngineChoice::Cpu, work(&scene, &request(direct)));
     for extra in [ambient, sky] {
         assert_same(&preview(&scene, extra), &expected, "even light");
+    }
+}
+
+/// A sky with a bright window and a lamp in it.
+fn picture_sky() -> Arc<Hdri> {
+    let texel = |x: u32, y: u32| {
+        let window = (150..175).contains(&x) && (30..60).contains(&y);
+        let lamp = (x as f32 - 60.0).hypot(y as f32 - 50.0) < 4.0;
+        let height = 1.0 - y as f32 / 128.0;
+        let (window, lamp) = (f32::from(u8::from(window)), f32::from(u8::from(lamp)));
+        [
+            0.1 + 0.3 * height + 6.0 * window + 40.0 * lamp,
+            0.1 + 0.4 * height + 6.0 * window,
+            0.1 + 0.6 * height + 5.0 * window,
+        ]
+    };
+    Arc::new(Hdri::new(
+        256,
+        128,
+        (0..128).flat_map(|y| (0..256).map(move |x| (x, y))).map(|(x, y)| texel(x, y)).collect(),
+    ))
+}
+
+/// A convex body hides nothing of the sky from itself: what is left is the error of harmonics and of prefiltering, which sees each lobe
+/// from straight above.
+#[test]
+fn skies_are_mirrored_as_wide_as_roughness_makes_them() {
+    let sky = picture_sky();
+    for (roughness, metallic, tolerance) in [
+        (0.0, 1.0, 0.02),
+        (0.1, 1.0, 0.06),
+        (0.2, 1.0, 0.06),
+        (0.35, 1.0, 0.08),
+        (0.5, 1.0, 0.08),
+        (0.7, 1.0, 0.08),
+        (1.0, 1.0, 0.08),
+        (0.3, 0.0, 0.05),
+        (1.0, 0.0, 0.05),
+    ] {
+        let scene = scene(vec![(sphere(64), grey(0.9, roughness, metallic), DAffine3::IDENTITY)]);
+        let look = |mode: &str| {
+            let extra = json!({
+                "mode": mode, "max_bounces": 1, "max_samples": 256, "adaptive": false, "filter": {"radius": 0.5},
+                "camera": camera(), "environment": {"hdri": "sky", "rotation_degrees": 70}, "preview": {"samples": 16},
+            });
+            render(EngineChoice::Cpu, work_with_hdri(&scene, &request(extra), Some(Arc::clone(&sky))))
+        };
+        let (drawn, traced) = (look("preview"), look("path"));
+        let (mut apart, mut light) = (0.0, 0.0);
+        for (a, b) in drawn.pixels.iter().zip(&traced.pixels).filter(|(a, b)| a[3] > 0.99 && b[3] > 0.99) {
+            apart += (0..3).map(|i| f64::from((a[i] - b[i]).abs())).sum::<f64>();
+            light += (0..3).map(|i| f64::from(b[i])).sum::<f64>();
+        }
+        eprintln!("roughness {roughness}, metallic {metallic}: {:.2} % apart", 100.0 * apart / light);
+        assert!(apart < tolerance * light, "roughness {roughness}, metallic {metallic}: {}", apart / light);
     }
 }
 
