@@ -94,7 +94,7 @@ impl Measured {
         (self.squares / f64::from(size.rounds)).sqrt()
     }
 
-    fn to_error(&self, size: Size) -> f64 {
+    fn to_error(self, size: Size) -> f64 {
         self.seconds * (self.error(size) / ERROR).powi(2)
     }
 }
