@@ -6,9 +6,9 @@ function shellWord(text) {
 }
 
 /** A part `name=@path` of `curl -F`. A path with characters that curl would read as syntax is quoted for curl. */
-function filePart(name, path) {
+function filePart(name, path, filename = path) {
   const quote = (text) => (/[";,\\]/.test(text) ? `"${text.replace(/["\\]/g, "\\$&")}"` : text);
-  const named = path.includes("/") ? `;filename=${quote(path)}` : "";
+  const named = path.includes("/") || filename !== path ? `;filename=${quote(filename)}` : "";
   return `-F ${shellWord(`${name}=@${quote(path)}${named}`)}`;
 }
 
@@ -17,7 +17,10 @@ function filePart(name, path) {
  * `params`: as requested, with these named by id.
  */
 export function curlCommand({ origin, files, images, params }) {
-  const names = new Map(images.map(({ id, name }) => [id, name]));
+  const paths = new Map(images.map(({ id, name }) => [id, name]));
+  // Of two files of one name, which lie in different folders, the later one is sent under another name.
+  const first = new Map([...paths].reverse().map(([id, name]) => [name, id]));
+  const names = new Map([...paths].map(([id, name]) => [id, first.get(name) === id ? name : `${id}-${name}`]));
   const named = JSON.stringify(params, (_, value) => names.get(value) ?? value);
   const stem = files[0]
     .split("/")
@@ -25,8 +28,9 @@ export function curlCommand({ origin, files, images, params }) {
     .replace(/\.[^.]*$/, "");
   return [
     `curl ${files.map((path) => filePart("scene", path)).join(" ")}`,
-    ...[...new Set(names.values())].map((name) => filePart("image", name)),
-    `-F ${shellWord(`params=${named}`)}`,
+    ...[...names].map(([id, name]) => filePart("image", paths.get(id), name)),
+    // curl ends a value of -F at a semicolon.
+    `--form-string ${shellWord(`params=${named}`)}`,
     shellWord(`${origin}/v1/render`),
     `-o ${shellWord(`${stem}.png`)}`,
   ].join(" \\\n  ");

@@ -106,7 +106,7 @@ impl<'a> Tally<'a> {
             }
             Err(failure) => {
                 self.failed += 1;
-                self.worst = failure.exit_code();
+                self.worst = if self.worst == 0 { failure.exit_code() } else { self.worst.min(failure.exit_code()) };
                 format!("{}: FAILED: {failure}", item.name)
             }
         };
