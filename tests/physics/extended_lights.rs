@@ -62,7 +62,7 @@ fn cases() -> Vec<(&'static str, f64)> {
             r#"{"type":"sphere","position":[-1,1.5,0.5],"radius":0.8,"intensity":7}"#,
             radiance(0.64 / 3.5 * 1.5 / 3.5f64.sqrt()),
         ),
-        (r#"{"type":"sphere","position":[0,1e-2,0],"radius":9.99e-3,"intensity":7}"#, radiance(0.998_001)),
+        (r#"{"type":"sphere","position":[0,1,0],"radius":0.9,"intensity":7}"#, radiance(0.81)),
         (
             r#"{"type":"directional","direction":[0.6,-0.8,0],"angular_diameter_degrees":60,"intensity":7}"#,
             radiance(0.8 / PI),
