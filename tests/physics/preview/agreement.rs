@@ -128,14 +128,14 @@ fn skies_are_mirrored_as_wide_as_roughness_makes_them() {
     let sky = picture_sky();
     for (roughness, metallic, tolerance) in [
         (0.0, 1.0, 0.02),
-        (0.1, 1.0, 0.06),
-        (0.2, 1.0, 0.06),
-        (0.35, 1.0, 0.08),
-        (0.5, 1.0, 0.08),
-        (0.7, 1.0, 0.08),
-        (1.0, 1.0, 0.08),
-        (0.3, 0.0, 0.05),
-        (1.0, 0.0, 0.05),
+        (0.1, 1.0, 0.05),
+        (0.2, 1.0, 0.1),
+        (0.35, 1.0, 0.12),
+        (0.5, 1.0, 0.12),
+        (0.7, 1.0, 0.12),
+        (1.0, 1.0, 0.09),
+        (0.3, 0.0, 0.06),
+        (1.0, 0.0, 0.06),
     ] {
         let scene = scene(vec![(sphere(64), grey(0.9, roughness, metallic), DAffine3::IDENTITY)]);
         let look = |mode: &str| {
