@@ -306,7 +306,9 @@ fn check_encoding(headers: &HeaderMap) -> Result<(), Problem> {
 }
 
 fn too_large(what: &str) -> Problem {
-    let detail = format!("{what} is larger than this server reads (GET /v1/limits, upload_bytes; 1 MiB for JSON, 4 MiB for a manifest)");
+    let detail = format!(
+        "{what} is larger than this server reads (GET /v1/limits, upload_bytes; 1 MiB for JSON, 4 MiB for a manifest)"
+    );
     Problem::new(Code::PayloadTooLarge, detail)
 }
 
