@@ -6,7 +6,7 @@ use crate::jobs::{Code, Problem};
 use axum::extract::Request;
 use axum::http::{HeaderMap, header};
 use axum::middleware::Next;
-use axum::response::{IntoResponse, Response};
+use axum::response::{AppendHeaders, IntoResponse, Response};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use std::collections::HashMap;
@@ -18,8 +18,8 @@ use std::time::{Duration, Instant, SystemTime};
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
 /// What a client without a key is asked for: programs send the first, browsers ask their users for the second (any name, the key as
-/// the password).
-const CHALLENGE: &str = "Bearer realm=\"candela\", Basic realm=\"candela\", charset=\"UTF-8\"";
+/// the password). A header each: Chromium looks at the first challenge of one alone.
+const CHALLENGES: [&str; 2] = ["Bearer realm=\"candela\"", "Basic realm=\"candela\", charset=\"UTF-8\""];
 
 /// What a server asks of its clients.
 #[derive(Debug, Clone, Default)]
@@ -94,7 +94,10 @@ pub async fn check(access: Access, scope: Scope, mut request: Request, next: Nex
             request.extensions_mut().insert(caller);
             next.run(request).await
         }
-        Err(problem) if problem.status == 401 => ([(header::WWW_AUTHENTICATE, CHALLENGE)], problem).into_response(),
+        Err(problem) if problem.status == 401 => {
+            let challenges = CHALLENGES.map(|challenge| (header::WWW_AUTHENTICATE, challenge));
+            (AppendHeaders(challenges), problem).into_response()
+        }
         Err(problem) => problem.into_response(),
     }
 }

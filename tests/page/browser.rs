@@ -87,7 +87,7 @@ impl Browser {
         loop {
             let reply = self.socket.read().unwrap_or_else(|error| panic!("no answer to {method}: {error}"));
             let Message::Text(text) = reply else { continue };
-            let mut reply: Value = serde_json::from_str(&text).expect("the protocol speaks JSON");
+            let mut reply: Value = serde_json::from_str(&whole(&text)).expect("the protocol speaks JSON");
             if reply["id"] == id {
                 assert!(reply["error"].is_null(), "{method}: {}", reply["error"]);
                 return reply["result"].take();
@@ -276,4 +276,24 @@ fn debugging_address(profile: &Path) -> (u16, String) {
         std::thread::sleep(Duration::from_millis(50));
     }
     panic!("Chromium did not say its port within {START:?}");
+}
+
+/// A message with U+FFFD in place of halves of surrogate pairs: an uploaded file's bytes come as text with such, which Rust's has not.
+fn whole(message: &str) -> String {
+    let escape = |rest: &str| rest.strip_prefix("\\u").and_then(|hex| u32::from_str_radix(hex.get(..4)?, 16).ok());
+    let (mut text, mut rest) = (String::with_capacity(message.len()), message);
+    while let Some(at) = rest.find('\\') {
+        text.push_str(&rest[..at]);
+        rest = &rest[at..];
+        let follower = || rest.get(6..).and_then(escape);
+        let (length, broken) = match escape(rest) {
+            Some(0xd800..0xdc00) if matches!(follower(), Some(0xdc00..0xe000)) => (12, false),
+            Some(0xd800..0xe000) => (6, true),
+            Some(_) => (6, false),
+            None => (2, false),
+        };
+        text.push_str(if broken { "\u{fffd}" } else { &rest[..length] });
+        rest = &rest[length..];
+    }
+    text + rest
 }

@@ -199,6 +199,8 @@ fn previews_follow_a_hand(page: &mut Browser) {
     page.eval("window.stopCounting()");
     eprintln!("{shown} previews within {seconds:.1} s of dragging: {:.1} a second", shown as f64 / seconds);
     assert!(shown >= 3, "{shown} previews in {seconds} s");
+    // Back to the lit side.
+    page.drag((MIDDLE.0 + 120.0, MIDDLE.1 - 30.0), MIDDLE);
     wait_until_done(page);
 }
 
