@@ -132,7 +132,7 @@ fn lamps(count: usize) -> Scene {
     for index in 0..count {
         let [jitter, height, turn, tilt] = [0, 1, 2, 3].map(|salt| random(index, salt));
         let cell = Vec3::new(index as f32 % across + jitter, 0.0, (index as f32 / across).floor() + random(index, 4));
-        let place = (cell / across - 0.5) * 2.0 * HALF + Vec3::Y * (0.3 + 1.5 * height);
+        let place = ((cell / across - 0.5) * 2.0 * HALF).with_y(0.3 + 1.5 * height);
         let turn =
             Quat::from_rotation_y(turn * std::f32::consts::TAU) * Quat::from_rotation_x(tilt * std::f32::consts::PI);
         let lamp = &mut kinds[(random(index, 5) * KINDS as f32) as usize % KINDS];
