@@ -1,10 +1,11 @@
 //! Ranges and combinations of parameters.
 
+use super::lights;
 use super::preview;
 use super::surfaces;
 use super::{
-    CameraParams, EngineChoice, EnvironmentChoice, EnvironmentParams, Filter, ImageFormat, LightParams, Mode,
-    OrbitParams, OutputParams, RenderParams,
+    CameraParams, EngineChoice, EnvironmentChoice, EnvironmentParams, Filter, ImageFormat, Mode, OrbitParams,
+    OutputParams, RenderParams,
 };
 use glam::DVec3;
 use std::ops::RangeInclusive;
@@ -12,17 +13,8 @@ use std::ops::RangeInclusive;
 /// Exposures beyond this many stops leave the range of f32.
 const MAX_STOPS: f32 = 64.0;
 
-/// Most lights that rays look for one by one.
-const MAX_EXTENDED_LIGHTS: usize = 64;
-
 /// Sides of a lens that is not round.
 const BLADES: RangeInclusive<u32> = 3..=64;
-
-/// Angular diameters of suns in degrees. Directions in f32 do not resolve smaller ones.
-const SUNS: RangeInclusive<f32> = 0.01..=180.0;
-
-/// Sizes of lights in scene units, whose squares f32 holds.
-const EXTENTS: RangeInclusive<f32> = 1e-6..=1e9;
 
 /// Widest reconstruction filter, half width in pixels.
 const MAX_FILTER_RADIUS: f32 = 8.0;
@@ -106,19 +98,7 @@ impl RenderParams {
             if let EnvironmentChoice::Given(environment) = &self.environment {
                 check.at("environment", |check| check_environment(check, environment));
             }
-            check.require(self.lights.len() <= limits.lights, "lights", || {
-                format!("at most {} lights are allowed here", limits.lights)
-            });
-            let extended = self.lights.iter().filter(|light| light.has_extent()).count();
-            check.require(extended <= MAX_EXTENDED_LIGHTS, "lights", || {
-                format!(
-                    "at most {MAX_EXTENDED_LIGHTS} may have an extent (rect, disk, sphere, angular_diameter_degrees), because each \
-                     ray looks for each of them: make the small ones points, or emitting meshes"
-                )
-            });
-            for (index, light) in self.lights.iter().enumerate() {
-                check.at(&format!("lights/{index}"), |check| check_light(check, light));
-            }
+            lights::check(check, &self.lights, limits.lights);
             surfaces::check(check, self, limits.spheres);
             check.at("direct", |check| check.light(&[self.direct.specular], "specular"));
         });
@@ -207,13 +187,13 @@ impl Check {
         });
     }
 
-    fn positive(&mut self, value: Option<f64>, name: &str) {
+    pub fn positive(&mut self, value: Option<f64>, name: &str) {
         self.require(value.is_none_or(|value| value > 0.0 && value.is_finite()), name, || {
             "must be finite and above 0; leave it out for the default".to_owned()
         });
     }
 
-    fn direction(&mut self, value: [f64; 3], name: &str) {
+    pub fn direction(&mut self, value: [f64; 3], name: &str) {
         if self.finite(&value, name) {
             self.require(DVec3::from(value).try_normalize().is_some(), name, || {
                 "is too short to be a direction: give it a length".to_owned()
@@ -299,80 +279,6 @@ fn check_environment(check: &mut Check, environment: &EnvironmentParams) {
     }
 }
 
-fn check_light(check: &mut Check, light: &LightParams) {
-    match light {
-        LightParams::Point { position, color, intensity, range } => {
-            check.finite(position, "position");
-            check_emission(check, color, *intensity);
-            check.positive(range.map(f64::from), "range");
-        }
-        LightParams::Spot {
-            position,
-            direction,
-            color,
-            intensity,
-            range,
-            inner_cone_degrees: inner,
-            outer_cone_degrees: outer,
-            falloff: _,
-        } => {
-            check.finite(position, "position");
-            check.direction(*direction, "direction");
-            check_emission(check, color, *intensity);
-            check.positive(range.map(f64::from), "range");
-            check.require(*outer > 0.0 && *outer <= 90.0, "outer_cone_degrees", || {
-                "must be above 0 and at most 90".to_owned()
-            });
-            check.require(*inner >= 0.0 && inner < outer, "inner_cone_degrees", || {
-                "must be at least 0 and below `outer_cone_degrees`".to_owned()
-            });
-        }
-        LightParams::Directional { direction, color, intensity, angular_diameter_degrees: diameter, visible: _ } => {
-            check.direction(*direction, "direction");
-            check_emission(check, color, *intensity);
-            check.require(*diameter == 0.0 || SUNS.contains(diameter), "angular_diameter_degrees", || {
-                format!("must be 0 for parallel light, or lie between {} and {}", SUNS.start(), SUNS.end())
-            });
-        }
-        LightParams::Rect { position, direction, up, width, height, color, intensity, visible: _ } => {
-            check.finite(position, "position");
-            check.direction(*direction, "direction");
-            check.direction(*up, "up");
-            check_extent(check, *width, "width");
-            check_extent(check, *height, "height");
-            check_emission(check, color, *intensity);
-        }
-        LightParams::Disk { position, direction, radius, color, intensity, visible: _ } => {
-            check.finite(position, "position");
-            check.direction(*direction, "direction");
-            check_extent(check, *radius, "radius");
-            check_emission(check, color, *intensity);
-        }
-        LightParams::Sphere { position, radius, color, intensity, visible: _ } => {
-            check.finite(position, "position");
-            check_extent(check, *radius, "radius");
-            check_emission(check, color, *intensity);
-        }
-        LightParams::Ambient { color, intensity } => check_emission(check, color, *intensity),
-    }
-}
-
-fn check_extent(check: &mut Check, value: f32, name: &str) {
-    check.require(EXTENTS.contains(&value), name, || {
-        format!("must lie between {:e} and {:e} scene units", EXTENTS.start(), EXTENTS.end())
-    });
-}
-
-fn check_emission(check: &mut Check, color: &[f32; 3], intensity: f32) {
-    check.light(color, "color");
-    check.light(&[intensity], "intensity");
-    if intensity.is_finite() && color.iter().all(|c| c.is_finite()) {
-        check.require(color.iter().all(|c| (c * intensity).is_finite()), "intensity", || {
-            "times the colour is beyond what a 32-bit float holds".to_owned()
-        });
-    }
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
@@ -448,36 +354,6 @@ pub(super) mod tests {
         ] {
             let json = format!(r#"{{"environment": {environment}}}"#);
             assert_eq!(faults(&json), [format!("/params/environment{field}")], "{environment}");
-        }
-    }
-
-    #[test]
-    fn lights_are_checked_each() {
-        for (light, field) in [
-            (r#"{"type": "point", "position": [0, 0, 0], "range": 0}"#, "/range"),
-            (r#"{"type": "ambient", "color": [1, 1, -0.5]}"#, "/color"),
-            (r#"{"type": "ambient", "intensity": -1}"#, "/intensity"),
-            (r#"{"type": "ambient", "intensity": 1e30, "color": [1e20, 0, 0]}"#, "/intensity"),
-            (r#"{"type": "directional", "direction": [0, 0, 0]}"#, "/direction"),
-            (
-                r#"{"type": "directional", "direction": [0, -1, 0], "angular_diameter_degrees": 181}"#,
-                "/angular_diameter_degrees",
-            ),
-            (r#"{"type": "sphere", "position": [0, 0, 0], "radius": 0}"#, "/radius"),
-            (r#"{"type": "disk", "position": [0, 0, 0], "direction": [0, 0, 0]}"#, "/direction"),
-            (r#"{"type": "rect", "position": [0, 0, 0], "direction": [0, -1, 0], "width": -1}"#, "/width"),
-            (r#"{"type": "rect", "position": [0, 0, 0], "direction": [0, -1, 0], "up": [0, 0, 0]}"#, "/up"),
-            (
-                r#"{"type": "spot", "position": [0, 0, 0], "direction": [1, 0, 0], "outer_cone_degrees": 91}"#,
-                "/outer_cone_degrees",
-            ),
-            (
-                r#"{"type": "spot", "position": [0, 0, 0], "direction": [1, 0, 0], "inner_cone_degrees": 45}"#,
-                "/inner_cone_degrees",
-            ),
-        ] {
-            let json = format!(r#"{{"lights": [{{"type": "ambient"}}, {light}]}}"#);
-            assert_eq!(faults(&json), [format!("/params/lights/1{field}")], "{light}");
         }
     }
 
