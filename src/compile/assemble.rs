@@ -1,14 +1,20 @@
 //! Triangle soups -> trees, instances and the top level over them.
 
-use super::bvh::{self, Tree};
+use super::bvh::{self, Tree, Visits};
 use super::emitters;
 use super::geometry::Soup;
-use super::groups::{Group, corner_points};
+use super::groups::{Group, corner_points, too_large};
 use super::materials::Table;
+use super::repeats;
 use super::{Bounds, BvhNode, CompiledScene, Instance, Triangle};
+use crate::scene::SceneError;
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
+
+/// Most nodes and triangles that a ray may visit on average, of those that meet a part of the scene. Ordinary scenes need about a
+/// hundred; more than this have so many triangles that lie on each other that a slice of a render would take seconds.
+const MOST_VISITS: f32 = 100_000.0;
 
 /// A mesh in its tree.
 #[derive(Default)]
@@ -23,10 +29,15 @@ pub struct Bottom {
 }
 
 impl Soup {
-    /// Builds the tree and brings the triangles into its order.
-    fn build(self) -> Bottom {
+    /// Builds the tree, without triangles that lie on their like, and brings the others into its order.
+    fn build(mut self, table: &Table) -> Bottom {
         let boxes: Vec<Bounds> = self.triangles.iter().map(Triangle::bounds).collect();
-        let tree = bvh::build(&boxes);
+        let tree = bvh::build(&boxes, |_| Visits::ONE);
+        let opaque = |triangle: &Triangle| table.is_opaque(triangle);
+        if let Some(stays) = repeats::first_ones(&self.triangles, &boxes, &tree.by_place, opaque) {
+            self.keep(&stays);
+            return self.build(table);
+        }
         let mut bottom =
             Bottom { bounds: boxes.iter().fold(Bounds::default(), |a, b| a.union(*b)), ..Bottom::default() };
         for (position, from) in (0..).zip(&tree.order) {
@@ -45,37 +56,64 @@ impl Soup {
 }
 
 /// An instance before the top level orders it.
-struct Standing {
-    bottom: usize,
+pub struct Standing {
+    /// Index of its mesh among the bottoms.
+    pub bottom: usize,
     /// To world, relative to the origin.
-    map: DAffine3,
+    pub map: DAffine3,
     bounds: Bounds,
 }
 
 /// Puts everything into trees and the trees into the scene.
-pub fn assemble(compiled: &mut CompiledScene, table: &Table, merged: Soup, soups: Vec<Soup>, groups: &[Group]) {
-    let mut bottoms: Vec<Bottom> = soups.into_par_iter().map(Soup::build).collect();
-    bottoms.push(merged.build());
+///
+/// # Errors
+/// So much lies on each other that rays would take too long.
+pub fn assemble(
+    compiled: &mut CompiledScene,
+    table: &Table,
+    merged: Soup,
+    soups: Vec<Soup>,
+    groups: &[Group],
+) -> Result<(), SceneError> {
+    let mut bottoms: Vec<Bottom> = soups.into_par_iter().map(|soup| soup.build(table)).collect();
+    bottoms.push(merged.build(table));
     let merged = bottoms.len() - 1;
     let mut standing = instances(&bottoms, groups, compiled.origin);
+    repeats::keep_first_places(&mut standing, |bottom| bottoms[bottom].triangles.iter().all(|t| table.is_opaque(t)));
     compiled.two_level = !standing.is_empty();
     let empty = bottoms[merged].triangles.is_empty();
     if !(compiled.two_level && empty) {
         standing.push(Standing { bottom: merged, map: DAffine3::IDENTITY, bounds: bottoms[merged].bounds });
     }
     let mut order: Vec<u32> = vec![0];
+    let mut visits = bottoms[merged].tree.visits;
     if compiled.two_level {
-        let top = bvh::build(&standing.iter().map(|s| s.bounds).collect::<Vec<_>>());
-        compiled.depth = top.depth;
-        compiled.nodes = top.nodes;
-        order = top.order;
+        let boxes: Vec<Bounds> = standing.iter().map(|place| place.bounds).collect();
+        let top = bvh::build(&boxes, |place| bottoms[standing[place].bottom].tree.visits);
+        (compiled.depth, compiled.nodes) = (top.depth, top.nodes);
+        (order, visits) = (top.order, top.visits);
     }
+    check_visits(visits)?;
     let roots = append_bottoms(compiled, &mut bottoms, &standing);
     for index in order {
         push_instance(compiled, &standing[index as usize], &bottoms, &roots, table);
     }
     compiled.stats.triangles = compiled.triangles.len() as u64;
     compiled.stats.instances = compiled.instances.len() as u64;
+    Ok(())
+}
+
+/// Refuses what would hold the device for seconds at a time.
+fn check_visits(visits: Visits) -> Result<(), SceneError> {
+    if visits.most <= MOST_VISITS {
+        return Ok(());
+    }
+    let (seen, most) = (visits.most, MOST_VISITS);
+    let detail = format!(
+        "{seen:.0} triangles and nodes of the tree over them that a ray visits on average where most of them lie on each other; \
+         at most {most:.0} are supported. Remove copies of the same surface, and cut long thin triangles"
+    );
+    Err(too_large(&detail))
 }
 
 /// All instances of meshes drawn several times that have something to show.

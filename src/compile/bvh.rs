@@ -35,17 +35,36 @@ pub struct Tree {
     pub order: Vec<u32>,
     /// Nodes on the longest chain from the root.
     pub depth: u32,
+    /// Another order, in which boxes of one centre are neighbours.
+    pub by_place: Vec<u32>,
+    /// Visits that a ray costs in the worst part of the tree.
+    pub visits: Visits,
 }
 
-/// Builds a tree over finite boxes. No box: one node without children.
-pub fn build(boxes: &[Bounds]) -> Tree {
+/// Nodes and primitives of the binary tree that a ray meets, going by surface area.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Visits {
+    /// On average over the rays that meet the root.
+    pub root: f32,
+    /// The most over all nodes, on average over the rays that meet the node.
+    pub most: f32,
+}
+
+impl Visits {
+    /// Of a primitive.
+    pub const ONE: Self = Self { root: 1.0, most: 1.0 };
+}
+
+/// Builds a tree over finite boxes, of whose contents a ray visits so much. No box: one node without children.
+pub fn build(boxes: &[Bounds], contents: impl Fn(usize) -> Visits) -> Tree {
     if boxes.is_empty() {
-        return Tree { nodes: vec![BvhNode::default()], order: Vec::new(), depth: 1 };
+        return Tree { nodes: vec![BvhNode::default()], depth: 1, ..Tree::default() };
     }
-    let wide = bvh2_to_cwbvh(&binary(boxes), LEAF_SIZE, true, false);
+    let (binary, visits) = binary(boxes, contents);
+    let wide = bvh2_to_cwbvh(&binary, LEAF_SIZE, true, false);
     let mut nodes: Vec<BvhNode> = bytemuck::cast_vec(wide.nodes);
     let depth = quantize::refit(&mut nodes, |leaf| boxes[wide.primitive_indices[leaf] as usize]);
-    Tree { nodes, order: wide.primitive_indices, depth }
+    Tree { nodes, order: wide.primitive_indices, depth, by_place: binary.primitive_indices, visits }
 }
 
 /// A box scaled to about one and grown by a speck, so that areas neither overflow nor vanish (where they vanish,
@@ -54,21 +73,26 @@ pub fn build(boxes: &[Bounds]) -> Tree {
 struct Item {
     aabb: Aabb,
     index: u32,
+    visits: Visits,
 }
 
-fn binary(boxes: &[Bounds]) -> Bvh2 {
+fn binary(boxes: &[Bounds], contents: impl Fn(usize) -> Visits) -> (Bvh2, Visits) {
     let all = boxes.iter().fold(Bounds::default(), |all, b| all.union(*b));
     let largest = all.min.abs().max(all.max.abs()).max_element().max(f32::MIN_POSITIVE);
     let scale = f64::from(largest).log2().floor().exp2().recip();
     let unit = |v: Vec3| (v.as_dvec3() * scale).as_vec3a();
     let mut items: Vec<Item> = (boxes.iter().zip(0..))
-        .map(|(b, index)| Item { aabb: Aabb::new(unit(b.min), unit(b.max) + SPECK), index })
+        .map(|(b, index)| Item {
+            aabb: Aabb::new(unit(b.min), unit(b.max) + SPECK),
+            index,
+            visits: contents(index as usize),
+        })
         .collect();
     let mut nodes = vec![Bvh2Node::default(); 2 * items.len() - 1];
     let (root, rest) = nodes.split_at_mut(1);
-    Range { items: &mut items, first_item: 0, root: &mut root[0], rest, first_node: 1 }.build(0);
+    let visits = Range { items: &mut items, first_item: 0, root: &mut root[0], rest, first_node: 1 }.build(0);
     let primitive_indices = items.iter().map(|item| item.index).collect();
-    Bvh2 { nodes, primitive_indices, children_are_ordered_after_parents: true, ..Bvh2::default() }
+    (Bvh2 { nodes, primitive_indices, children_are_ordered_after_parents: true, ..Bvh2::default() }, visits)
 }
 
 /// A subtree to build: n items, its root, and the 2n - 2 nodes below it.
@@ -81,12 +105,12 @@ struct Range<'a> {
 }
 
 impl Range<'_> {
-    fn build(self, depth: u32) {
+    fn build(self, depth: u32) -> Visits {
         let aabb = bounds(self.items);
         let count = self.items.len();
         if count == 1 {
             *self.root = Bvh2Node::new(aabb, 1, self.first_item);
-            return;
+            return self.items[0].visits;
         }
         *self.root = Bvh2Node::new(aabb, 0, self.first_node);
         let middle = if depth < SAH_DEPTH { split_by_cost(self.items) } else { None };
@@ -94,28 +118,31 @@ impl Range<'_> {
         let (left_items, right_items) = self.items.split_at_mut(middle);
         let (pair, rest) = self.rest.split_at_mut(2);
         let (left_root, right_root) = pair.split_at_mut(1);
+        let (left_root, right_root) = (&mut left_root[0], &mut right_root[0]);
         let (left_rest, right_rest) = rest.split_at_mut(2 * middle - 2);
         let first_node = self.first_node + 2;
         let left = Range {
             items: left_items,
             first_item: self.first_item,
-            root: &mut left_root[0],
+            root: &mut *left_root,
             rest: left_rest,
             first_node,
         };
         let right = Range {
             items: right_items,
             first_item: self.first_item + middle as u32,
-            root: &mut right_root[0],
+            root: &mut *right_root,
             rest: right_rest,
             first_node: first_node + 2 * middle as u32 - 2,
         };
-        if count >= PARALLEL {
-            rayon::join(|| left.build(depth + 1), || right.build(depth + 1));
+        let (left, right) = if count >= PARALLEL {
+            rayon::join(|| left.build(depth + 1), || right.build(depth + 1))
         } else {
-            left.build(depth + 1);
-            right.build(depth + 1);
-        }
+            (left.build(depth + 1), right.build(depth + 1))
+        };
+        let met = |child: &Bvh2Node| child.aabb.half_area() / aabb.half_area();
+        let root = 1.0 + met(left_root) * left.root + met(right_root) * right.root;
+        Visits { root, most: root.max(left.most).max(right.most) }
     }
 }
 

@@ -61,7 +61,7 @@ pub fn compile_request(scene: &Scene, params: &RenderParams, files: &MapFiles) -
         groups.instanced.iter().map(|group| object_soup(group.mesh, &surfaces, &mut compiled)).collect();
     check_emitters(&merged, &soups, &groups.instanced)?;
     let start = Instant::now();
-    assemble(&mut compiled, &table, merged, soups, &groups.instanced);
+    assemble(&mut compiled, &table, merged, soups, &groups.instanced)?;
     let used: BTreeSet<usize> = uses.iter().map(|(_, use_)| use_.texture).collect();
     compiled.stats = CompileStats {
         textures: textures.decoded,
@@ -175,6 +175,17 @@ impl Soup {
             self.luminance.push(0.0);
             self.seen += 1;
         }
+    }
+
+    /// Leaves out the triangles that do not stay.
+    pub fn keep(&mut self, stays: &[bool]) {
+        fn filter<T>(all: &mut Vec<T>, stays: &[bool]) {
+            let mut stays = stays.iter();
+            all.retain(|_| stays.next() == Some(&true));
+        }
+        filter(&mut self.triangles, stays);
+        filter(&mut self.indices, stays);
+        filter(&mut self.luminance, stays);
     }
 
     fn add_mesh(&mut self, mesh: &Mesh, placement: &Placement, surfaces: &Surfaces, compiled: &mut CompiledScene) {

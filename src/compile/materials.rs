@@ -7,7 +7,7 @@ use super::features::MIRROR_ROUGHNESS;
 use super::look::{Look, Relief};
 use super::texels::Texels;
 use super::textures::{Space, Textures};
-use super::{CompiledScene, Detail, Material, NONE, Slot};
+use super::{CompiledScene, Detail, Material, NONE, Slot, Triangle};
 use crate::scene::{self, AlphaMode, TextureRef};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -99,6 +99,15 @@ impl Table {
     /// Index of the material behind a key.
     pub fn index(&self, key: Key) -> usize {
         self.index.get(&key).copied().unwrap_or(0)
+    }
+
+    /// Whether no light passes through a triangle.
+    pub fn is_opaque(&self, triangle: &Triangle) -> bool {
+        let material = self.materials.get(triangle.material());
+        let place = material.and_then(|material| (material.flags >> Material::EXTENDED_SHIFT).checked_sub(1));
+        let extended = place.and_then(|place| self.extended.get(place as usize));
+        let passes = extended.is_some_and(|e| e.transmission > 0.0 || e.diffuse_transmission > 0.0);
+        triangle.material & Triangle::ALPHA == 0 && !passes
     }
 
     /// What decides on each material's alpha.

@@ -32,6 +32,7 @@ mod look;
 mod materials;
 mod moment;
 mod quantize;
+mod repeats;
 mod sight;
 mod texels;
 mod textures;

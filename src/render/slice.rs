@@ -5,11 +5,13 @@ use std::time::Duration;
 
 /// What a slice should take: short enough that another job, a cancel or a watchdog need not wait.
 const TARGET: Duration = Duration::from_millis(35);
-/// Paths of the first slice, before anything has been measured.
-const FIRST: f64 = 16384.0;
-/// Fewest paths of a slice: on a busy machine each slice waits for a core, and if that alone took the target time,
-/// slices would shrink to one tile and the waits would be all there is.
+/// Paths of the first slice, before anything has been measured: no more than what is done soon where each ray takes a millisecond.
+const FIRST: f64 = 256.0;
+/// Fewest paths of a slice that is done within [`SLOW`]: on a busy machine each slice waits for a core, and if that alone took the
+/// target time, slices would shrink to one tile and the waits would be all there is.
 const LEAST: f64 = 4096.0;
+/// No waiting for a core takes so long: the paths themselves are slow.
+const SLOW: Duration = Duration::from_millis(500);
 
 /// Most entries of a slice, each a workgroup of a dispatch: WebGPU's least limit in one dimension.
 const MOST_ENTRIES: usize = 65535;
@@ -42,6 +44,7 @@ impl SlicePaths {
     /// From a slice that took so long: towards the target time, at most four times more or less at once.
     pub fn learn(&mut self, paths: f64, elapsed: Duration) {
         let rate = paths / elapsed.as_secs_f64().max(1e-6);
-        self.0 = (rate * TARGET.as_secs_f64()).clamp(self.0 / 4.0, self.0 * 4.0).max(LEAST);
+        let least = LEAST.min(rate * SLOW.as_secs_f64());
+        self.0 = (rate * TARGET.as_secs_f64()).clamp(self.0 / 4.0, self.0 * 4.0).max(least);
     }
 }

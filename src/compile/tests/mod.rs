@@ -2,6 +2,7 @@
 
 mod camera;
 mod lights;
+mod repeats;
 mod sampling;
 mod scenes;
 mod textures;

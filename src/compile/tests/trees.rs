@@ -3,7 +3,7 @@
 use super::Random;
 use super::walker::{child_box, decode};
 use crate::compile::Bounds;
-use crate::compile::bvh::{Tree, build};
+use crate::compile::bvh::{Tree, Visits, build};
 use glam::{DVec3, Vec3};
 
 fn random_boxes(count: usize, offset: Vec3, scale: f32, flat: bool) -> Vec<Bounds> {
@@ -47,7 +47,7 @@ fn check(tree: &Tree, boxes: &[Bounds], index: usize, seen: &mut [u32], depth: u
 }
 
 fn check_tree(boxes: &[Bounds]) -> Tree {
-    let tree = build(boxes);
+    let tree = build(boxes, |_| Visits::ONE);
     let mut seen = vec![0; boxes.len()];
     check(&tree, boxes, 0, &mut seen, 1);
     assert!(seen.iter().all(|times| *times == 1), "each primitive is in one leaf");
@@ -105,14 +105,14 @@ fn equal_and_nested_boxes_make_shallow_trees_in_little_time() {
 fn trees_do_not_depend_on_the_number_of_threads() {
     let boxes = random_boxes(20_000, Vec3::ZERO, 1.0, false);
     let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let (one, many) = (alone.install(|| build(&boxes)), build(&boxes));
+    let (one, many) = (alone.install(|| build(&boxes, |_| Visits::ONE)), build(&boxes, |_| Visits::ONE));
     assert_eq!(one.order, many.order);
     assert!(one.nodes.iter().zip(&many.nodes).all(|(a, b)| a.words == b.words));
 }
 
 #[test]
 fn no_box_makes_an_empty_node() {
-    let tree = build(&[]);
+    let tree = build(&[], |_| Visits::ONE);
     assert_eq!((tree.nodes.len(), tree.depth), (1, 1));
     assert_eq!(decode(&tree.nodes[0]).child_meta, [0; 8]);
 }
