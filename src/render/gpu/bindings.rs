@@ -26,9 +26,9 @@ impl Bindings<'_> {
             self.slice.as_entire_binding(),
             wgpu::BindingResource::TextureView(&self.scene.nodes),
             wgpu::BindingResource::TextureView(&self.scene.triangles),
-            self.scene.attributes.as_entire_binding(),
-            wgpu::BindingResource::TextureView(&self.scene.instances),
-            self.scene.materials.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&self.scene.records),
+            wgpu::BindingResource::TextureView(&self.scene.light_nodes),
+            wgpu::BindingResource::TextureView(&self.environment.tiles),
             self.lights.as_entire_binding(),
             self.picks.as_entire_binding(),
             self.counters.as_entire_binding(),
@@ -39,8 +39,6 @@ impl Bindings<'_> {
             wgpu::BindingResource::TextureView(self.albedo),
             wgpu::BindingResource::TextureView(self.work),
             wgpu::BindingResource::TextureView(self.film),
-            wgpu::BindingResource::TextureView(&self.environment.tiles),
-            wgpu::BindingResource::TextureView(&self.scene.light_nodes),
         ];
         let mut binding = 0;
         let entries = resources.map(|resource| {
@@ -53,7 +51,7 @@ impl Bindings<'_> {
 }
 
 /// Types of what a kernel reads and writes.
-pub fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 19] {
+pub fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 17] {
     let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
     let uniform = buffer(wgpu::BufferBindingType::Uniform);
     let read = buffer(wgpu::BufferBindingType::Storage { read_only: true });
@@ -72,8 +70,8 @@ pub fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 19] {
     let records = stored(wgpu::StorageTextureAccess::ReadOnly, wgpu::TextureFormat::Rgba32Uint);
     let film = stored(wgpu::StorageTextureAccess::WriteOnly, wgpu::TextureFormat::Rgba32Float);
     let types = [
-        uniform, uniform, records, records, read, records, read, read, read, write, pages, pages, table, table, table,
-        list, film, table, list,
+        uniform, uniform, records, records, records, list, table, read, read, write, pages, pages, table, table, table,
+        list, film,
     ];
     let mut binding = 0;
     types.map(|ty| {

@@ -1,6 +1,7 @@
 //! Rust mirrors of the uniform structs of `shaders/lib/bindings.wesl`. A test compares every offset by reflection.
 
-use crate::compile::{CompiledScene, EnvironmentKind, Lens, Lighting, View};
+use super::records::Places;
+use crate::compile::{EnvironmentKind, Lens, Lighting, View};
 use crate::params::FilterKind;
 use crate::render::{Settings, Work};
 use bytemuck::{Pod, Zeroable};
@@ -26,18 +27,13 @@ pub struct Frame {
     pub max_bounces: u32,
     pub light_count: u32,
     pub pick_count: u32,
-    pub vertices: u32,
-    pub vertex_stride: u32,
-    pub vertex_normal: u32,
-    pub vertex_tangent: u32,
-    pub vertex_color: u32,
-    pub vertex_uv0: u32,
-    pub vertex_uv1: u32,
+    pub places: Places,
     pub environment_probability: f32,
-    pub extended: u32,
-    pub detail: u32,
     pub phong_specular: f32,
     pub tree_probability: f32,
+    pub extended_lights: u32,
+    pub blades: u32,
+    pub blade_rotation: f32,
     pub environment_top: [f32; 3],
     pub environment_intensity: f32,
     pub environment_horizon: [f32; 3],
@@ -46,10 +42,6 @@ pub struct Frame {
     pub environment_sin: f32,
     pub ambient: [f32; 3],
     pub environment_visible: u32,
-    pub extended_lights: u32,
-    pub blades: u32,
-    pub blade_rotation: f32,
-    pub pad: u32,
     pub filter_table: [f32; FILTER_STEPS],
 }
 
@@ -70,7 +62,7 @@ impl Frame {
         let mut frame = Self::zeroed();
         frame.set_view(&work.view);
         frame.set_settings(&work.settings);
-        frame.set_vertices(&work.scene);
+        frame.places = Places::of(&work.scene);
         frame.set_lighting(&work.lighting);
         frame
     }
@@ -97,17 +89,6 @@ impl Frame {
         self.seed = settings.seed;
         self.max_bounces = settings.max_bounces.unwrap_or(u32::MAX);
         self.phong_specular = settings.direct.specular;
-    }
-
-    fn set_vertices(&mut self, scene: &CompiledScene) {
-        self.vertices = 3 * scene.indices.len() as u32;
-        self.extended = self.vertices + scene.vertices.len() as u32;
-        self.detail = self.extended + (size_of_val(scene.extended.as_slice()) / 4) as u32;
-        self.vertex_stride = scene.layout.stride;
-        self.vertex_normal = scene.layout.normal;
-        self.vertex_tangent = scene.layout.tangent;
-        self.vertex_color = scene.layout.color;
-        [self.vertex_uv0, self.vertex_uv1] = scene.layout.uv;
     }
 
     fn set_lighting(&mut self, lighting: &Lighting) {
@@ -218,18 +199,13 @@ mod tests {
                 max_bounces,
                 light_count,
                 pick_count,
-                vertices,
-                vertex_stride,
-                vertex_normal,
-                vertex_tangent,
-                vertex_color,
-                vertex_uv0,
-                vertex_uv1,
+                places = "materials",
                 environment_probability,
-                extended,
-                detail,
                 phong_specular,
                 tree_probability,
+                extended_lights,
+                blades,
+                blade_rotation,
                 environment_top,
                 environment_intensity,
                 environment_horizon,
@@ -238,12 +214,28 @@ mod tests {
                 environment_sin,
                 ambient,
                 environment_visible,
-                extended_lights,
-                blades,
-                blade_rotation,
                 filter_table,
             }
         );
+        macro_rules! places {
+            ($($field:ident),*) => { [$((stringify!($field), offset_of!(Places, $field))),*] };
+        }
+        let (members, _) = reflected(module, "Frame");
+        for (name, offset) in places!(
+            materials,
+            corners,
+            vertices,
+            vertex_stride,
+            vertex_normal,
+            vertex_tangent,
+            vertex_color,
+            vertex_uvs,
+            extended,
+            detail
+        ) {
+            let found = members.iter().find(|member| member.0 == name).map(|member| member.1 as usize);
+            assert_eq!(found, Some(offset_of!(Frame, places) + offset), "{name}");
+        }
         assert_mirrors!(module, Slice { first, count, row, regions_across });
         assert_mirrors!(module, Triangle { v0, material, v1, light, v2, primitive });
         assert_mirrors!(module, Instance { to_world, to_object, root, first_triangle, light_base, flags });

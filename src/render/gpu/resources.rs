@@ -1,7 +1,8 @@
 //! What has been uploaded: scenes, environments and tables, kept as long as their source lives.
 
 use super::device::Gpu;
-use crate::compile::{CompiledScene, Environment, EnvironmentKind, FACING_STRIDE, Hdri, Material, Share, TexturePages};
+use super::records;
+use crate::compile::{CompiledScene, Environment, EnvironmentKind, FACING_STRIDE, Hdri, Share, TexturePages};
 use crate::render::RenderError;
 use crate::render::albedo::{TABLE_WIDTH, albedo_table};
 use crate::render::layer_albedo::LAYER_TABLE;
@@ -20,13 +21,9 @@ pub struct GpuScene {
     pub nodes: wgpu::TextureView,
     /// Binding 3.
     pub triangles: wgpu::TextureView,
-    /// Binding 4: indices, then vertex records.
-    pub attributes: wgpu::Buffer,
+    /// Binding 4.
+    pub records: wgpu::TextureView,
     /// Binding 5.
-    pub instances: wgpu::TextureView,
-    /// Binding 6.
-    pub materials: wgpu::Buffer,
-    /// Binding 18.
     pub light_nodes: wgpu::TextureView,
     /// Binding 10.
     pub color_pages: wgpu::TextureView,
@@ -40,7 +37,7 @@ pub struct GpuEnvironment {
     pub texels: wgpu::TextureView,
     /// Binding 13.
     pub cells: wgpu::TextureView,
-    /// Binding 17.
+    /// Binding 6.
     pub tiles: wgpu::TextureView,
 }
 
@@ -116,17 +113,11 @@ fn find_or_upload<S, T>(
 }
 
 fn upload_scene(gpu: &Gpu, scene: &CompiledScene) -> Result<GpuScene, RenderError> {
-    let mut attributes: Vec<u32> = scene.indices.as_flattened().to_vec();
-    attributes.extend_from_slice(&scene.vertices);
-    attributes.extend_from_slice(bytemuck::cast_slice(&scene.extended));
-    attributes.extend_from_slice(bytemuck::cast_slice(&scene.details));
     let (stored, sampled) = (wgpu::TextureUsages::STORAGE_BINDING, wgpu::TextureUsages::TEXTURE_BINDING);
     Ok(GpuScene {
         nodes: upload_records(gpu, "tree nodes", bytemuck::cast_slice(&scene.nodes), stored)?,
         triangles: upload_records(gpu, "triangles", bytemuck::cast_slice(&scene.triangles), stored)?,
-        attributes: gpu.storage("vertex attributes", bytemuck::cast_slice(&attributes), 4)?,
-        instances: upload_records(gpu, "instances", bytemuck::cast_slice(&scene.instances), stored)?,
-        materials: gpu.storage("materials", bytemuck::cast_slice(&scene.materials), size_of::<Material>())?,
+        records: upload_records(gpu, "vertices", bytemuck::cast_slice(&records::words(scene)), stored)?,
         light_nodes: upload_records(gpu, "light tree", bytemuck::cast_slice(&scene.light_tree.nodes), sampled)?,
         color_pages: upload_pages(gpu, &scene.color_pages, wgpu::TextureFormat::Rgba8UnormSrgb)?,
         data_pages: upload_pages(gpu, &scene.data_pages, wgpu::TextureFormat::Rgba8Unorm)?,
