@@ -72,6 +72,8 @@ pub struct Features {
     pub thin_lens: bool,
     /// Parallel projection.
     pub orthographic: bool,
+    /// The shutter is open for some time, in which something moves.
+    pub motion: bool,
 }
 
 /// Perceptual roughness below which a surface is a perfect mirror.
@@ -115,6 +117,7 @@ pub fn features(scene: &CompiledScene, lighting: &Lighting, view: &View, params:
         environment: environment_code(&lighting.environment),
         thin_lens: matches!(view.lens, Lens::Perspective { aperture_radius, .. } if aperture_radius > 0.0),
         orthographic: matches!(view.lens, Lens::Orthographic { .. }),
+        motion: scene.motion.pieces > 0 || !view.way.is_empty() || lighting.moves(),
     }
 }
 

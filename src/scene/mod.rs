@@ -19,7 +19,7 @@ mod package;
 pub use animation::{Animation, Channel, Curve, Interpolation, Moment, Parts, Path};
 pub use deform::{Influences, Skin, Target};
 pub use describe::{Description, describe};
-pub use drawn::{Drawn, Placed};
+pub use drawn::{Drawn, DrawnOver, Moving, Placed};
 pub use error::{SceneError, SceneErrorKind, Warning};
 pub use extended::{Extended, Volume};
 pub use import::import;

@@ -10,6 +10,7 @@ mod extended_lights;
 mod invariance;
 mod many_lights;
 mod materials;
+mod motion;
 mod parts;
 mod preview;
 mod reliefs;

@@ -7,9 +7,10 @@ use super::layers::{self, Crossing, Layered, Media, Reflection, media};
 use super::light::{self, LightSampler};
 use super::light_tree::Receiver;
 use super::material::{Bsdf, Model};
+use super::motion::Moment;
 use super::phong::Phong;
 use super::sampler::{Dimension, Sampler};
-use super::surface::{Surface, coverage};
+use super::surface::{Surface, area, coverage};
 use crate::compile::{ANY_FACING, Extended, Material};
 use crate::params::Mode;
 use crate::render::Work;
@@ -89,7 +90,11 @@ impl Integrator {
 
     /// Radiance (premultiplied) and coverage of one sample of a pixel.
     pub fn sample(&self, x: u32, y: u32, sampler: &Sampler) -> DVec4 {
-        let ray = self.camera.ray(x, y, sampler);
+        let moment = match self.work.features.motion {
+            true => Moment::draw(self.work.settings.pieces, sampler),
+            false => Moment::OPEN,
+        };
+        let ray = self.camera.ray(x, y, moment, sampler);
         let mut path = Path {
             ray,
             throughput: DVec3::ONE,
@@ -122,7 +127,7 @@ impl Integrator {
                 path.lit |= met != DVec3::ZERO;
             }
             let Some(hit) = hit else { break };
-            let surface = Surface::new(&self.work.scene, &hit, path.ray.direction);
+            let surface = Surface::new(&self.work.scene, &hit, path.ray.direction, path.ray.moment);
             if !path.seen && surface.back && surface.material.flags & (Material::DOUBLE_SIDED | Material::FILLED) == 0 {
                 // The camera does not see the backs of one-sided surfaces (glTF 2.0, 3.9.6).
                 path.ray.origin = surface.leave(path.ray.direction);
@@ -245,7 +250,8 @@ impl Integrator {
             path.throughput *= probability.recip();
         }
         let ends = [vertex.surface.primitive, TriangleId::NONE];
-        path.ray = Ray { origin: vertex.surface.leave(direction), direction, t_max: f64::INFINITY, ends };
+        let (origin, moment) = (vertex.surface.leave(direction), path.ray.moment);
+        path.ray = Ray { origin, direction, t_max: f64::INFINITY, ends, moment };
         true
     }
 
@@ -258,7 +264,8 @@ impl Integrator {
         let probability = self.lights.of_emitter(emitter, &path.drawn_at) * (1.0 - self.environment_share());
         let (cosine, distance) = (path.ray.direction.dot(surface.geometric_normal), path.passed + hit.t);
         let pick = &lighting.picks[lighting.lights.len() + emitter];
-        radiance * self.scattered_weight(pdf, light::emitter_pdf(pick, probability, distance * distance, cosine))
+        let area = area(&self.work.scene, pick.triangle, pick.area, path.ray.moment);
+        radiance * self.scattered_weight(pdf, light::emitter_pdf(area, probability, distance * distance, cosine))
     }
 
     /// Light from infinity that a scattered path has come upon.
@@ -295,7 +302,8 @@ impl Integrator {
             return ambient;
         }
         let ends = [vertex.surface.primitive, light.end];
-        let ray = Ray { origin: light.origin, direction: light.direction, t_max: light.t_max, ends };
+        let moment = vertex.surface.moment();
+        let ray = Ray { origin: light.origin, direction: light.direction, t_max: light.t_max, ends, moment };
         if self.work.features.thin || self.work.features.volume {
             return ambient + contribution * self.transmittance(vertex, wi, ray, sampler);
         }
@@ -316,7 +324,7 @@ impl Integrator {
             part *= media.transmittance(&self.work.scene, None, distance);
             let Some(hit) = hit else { return part };
             let direction = ray.direction.normalize();
-            let surface = Surface::new(&self.work.scene, &hit, direction);
+            let surface = Surface::new(&self.work.scene, &hit, direction, ray.moment);
             part *= self.straight(&surface, direction);
             if part == DVec3::ZERO {
                 return part;

@@ -4,7 +4,7 @@ use super::bvh::TriangleId;
 use super::extended_light::Shape;
 use super::light_tree::{Receiver, Tree};
 use super::sampling::uniform_triangle;
-use super::surface::{Place, Surface, emitted_at, material};
+use super::surface::{Place, Surface, area, emitted_at, material};
 use crate::compile::{CompiledScene, LightPick, Lighting, Material, PunctualKind, PunctualLight};
 use crate::render::Work;
 use glam::DVec3;
@@ -179,24 +179,25 @@ pub fn from_emitter(
 ) -> LightSample {
     let triangle = &scene.triangles[pick.triangle as usize];
     let weights = uniform_triangle(u);
-    let place = Place::new(scene, triangle, &scene.instances[pick.index as usize], weights);
+    let end = TriangleId { triangle: pick.triangle, instance: pick.index };
+    let place = Place::new(scene, end, weights, surface.moment());
     let away = surface.position - place.position;
     let origin = surface.leave(-away);
     let direction = place.leave(away) - origin;
     let distance2 = direction.length_squared();
     let cosine = -direction.dot(place.normal) / distance2.sqrt();
     let shines = cosine > 0.0 || material(scene, triangle).flags & Material::DOUBLE_SIDED != 0;
-    let pdf = emitter_pdf(pick, probability, distance2, cosine);
+    let area = area(scene, pick.triangle, pick.area, surface.moment());
+    let pdf = emitter_pdf(area, probability, distance2, cosine);
     let visible = shines && pdf > 0.0;
     let radiance = || emitted_at(scene, pick.triangle, weights, cosine) * pdf.recip();
     let weight = if visible { radiance() } else { DVec3::ZERO };
-    let end = TriangleId { triangle: pick.triangle, instance: pick.index };
     LightSample { origin, direction, t_max: 1.0, weight, end, pdf: Some(pdf) }
 }
 
-/// Density over solid angle of a place on an emitting triangle that is seen at this distance and angle; 0 from its edge.
-pub fn emitter_pdf(pick: &LightPick, probability: f64, distance2: f64, cosine: f64) -> f64 {
-    if cosine == 0.0 { 0.0 } else { probability * distance2 / (f64::from(pick.area) * cosine.abs()) }
+/// Density over solid angle of a place on an emitting triangle of this area that is seen at this distance and angle; 0 from its edge.
+pub fn emitter_pdf(area: f64, probability: f64, distance2: f64, cosine: f64) -> f64 {
+    if cosine == 0.0 { 0.0 } else { probability * distance2 / (area * cosine.abs()) }
 }
 
 /// KHR_lights_punctual, "Range Property".

@@ -51,8 +51,9 @@ impl Integrator {
         let probability = picked.probability * (1.0 - share);
         match lighting.lights.get(picked.index) {
             Some(light) if light.has_extent() => light::from_extended(light, probability, vertex.surface, u),
-            Some(light) => {
-                let sample = light::from_punctual(light, vertex.surface);
+            Some(_) => {
+                let light = vertex.surface.moment().light(lighting, picked.index);
+                let sample = light::from_punctual(&light, vertex.surface);
                 Some(LightSample { weight: sample.weight / probability, ..sample })
             }
             None => {

@@ -167,7 +167,7 @@ pub(in crate::render) fn compile_module(gpu: &Gpu, wgsl: &str, stack: u32) -> wg
 }
 
 /// Values of the override constants of `shaders/lib/features.wesl`.
-pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 39] {
+pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 40] {
     let f = variant.features;
     let flag = |value: bool| f64::from(u8::from(value));
     [
@@ -201,6 +201,7 @@ pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 39
         ("LIGHT_TREE", flag(f.light_tree)),
         ("THIN_LENS", flag(f.thin_lens)),
         ("ORTHOGRAPHIC", flag(f.orthographic)),
+        ("MOTION", flag(f.motion)),
         ("ENVIRONMENT", f64::from(f.environment)),
         ("DIRECT", flag(variant.direct)),
         ("PHONG", flag(variant.phong)),

@@ -7,6 +7,7 @@ use super::statistics::chi_square;
 use super::verdict::{Verdict, smallest_found};
 use crate::support::{grey, params, scene, square, work, work_without_tree};
 use candela::compile::NONE;
+use candela::render::cpu::motion::Moment;
 use candela::render::Work;
 use candela::render::cpu::bvh::Hit;
 use candela::render::cpu::light::{LightSampler, from_emitter};
@@ -111,7 +112,7 @@ impl Lights for F64 {
         let (instance, triangle) = floor(&self.0);
         let [b, c] = weights(corners_of(&self.0, instance, triangle), from);
         let hit = Hit { t: 1.0, u: b, v: c, triangle: triangle as u32, instance: instance as u32 };
-        let surface = Surface::new(scene, &hit, DVec3::NEG_Y);
+        let surface = Surface::new(scene, &hit, DVec3::NEG_Y, Moment::OPEN);
         let entry = &self.0.lighting.picks[pick];
         let probability = self.1.of_light(pick);
         u.iter()
