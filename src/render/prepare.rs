@@ -49,6 +49,9 @@ pub fn prepare(
     if params.mode == Mode::Preview && features.extended {
         biases.push("mode preview: extensions of materials (glass, coats, sheen, ...) are left out".to_owned());
     }
+    if params.mode == Mode::Direct && compiled.extended.iter().any(compile::Extended::scatters) {
+        biases.push("mode direct: light that is scattered inside of bodies is missing".to_owned());
+    }
     let work = Work { scene: compiled, lighting: Arc::new(lighting), view, features, settings: Settings::from(params) };
     Ok(Prepared { work, defaults, biases, warnings })
 }

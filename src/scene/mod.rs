@@ -21,7 +21,7 @@ pub use deform::{Influences, Skin, Target};
 pub use describe::{Description, describe};
 pub use drawn::{Drawn, DrawnOver, Moving, Placed};
 pub use error::{SceneError, SceneErrorKind, Warning};
-pub use extended::{Extended, Volume};
+pub use extended::{Extended, Scatter, Volume};
 pub use import::import;
 pub use limits::Limits;
 pub use package::Package;

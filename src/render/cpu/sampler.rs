@@ -13,6 +13,8 @@ pub enum Dimension {
     Lens,
     /// The moment at which the path sees the scene.
     Time,
+    /// On the way from the vertex before this one: flight through a medium.
+    Flight(u32),
     /// At the vertex of this index: direction of scattering.
     Lobe(u32),
     /// At the vertex: which lobe, and whether the path survives.
@@ -33,6 +35,7 @@ impl Dimension {
             Self::Pick(vertex) => (4, vertex),
             Self::Light(vertex) => (5, vertex),
             Self::Time => (6, 0),
+            Self::Flight(vertex) => (7, vertex),
         };
         u64::from(vertex) << 3 | kind
     }

@@ -157,9 +157,14 @@ impl<'a> Surface<'a> {
         relief.blocks(self.uvs, direction)
     }
 
-    /// When it is there.
-    pub fn moment(&self) -> Moment {
-        self.moment
+    /// Where it is.
+    pub fn place(&self) -> Place {
+        Place {
+            position: self.position,
+            normal: self.geometric_normal,
+            moment: self.moment,
+            clearance: self.clearance,
+        }
     }
 
     /// Value of one of the material's textures; white if there is none.
@@ -307,13 +312,15 @@ fn tangents(instance: &Instance, normal: DVec3, tangent: DVec4) -> Option<[DVec3
     Some([along, handedness * normal.cross(along)])
 }
 
-/// A place on a triangle in world space.
-#[derive(Debug)]
+/// A place on a triangle in world space, or in a medium.
+#[derive(Debug, Clone, Copy)]
 pub struct Place {
     /// Relative to the scene's origin.
     pub position: DVec3,
-    /// Unit normal of the front.
+    /// Unit normal of the front, or of the side that a ray came from; zero in a medium.
     pub normal: DVec3,
+    /// When it is there.
+    pub moment: Moment,
     clearance: f64,
 }
 
@@ -335,7 +342,7 @@ impl Place {
         let largest = a.abs().max(b.abs()).max(c.abs()).max_element();
         let normal = normal_to_world(scene, instance, (b - a).cross(c - a)).normalize();
         if !scene.two_level {
-            return Self { position: local, normal, clearance: gamma(ROUNDINGS) * largest };
+            return Self { position: local, normal, moment, clearance: gamma(ROUNDINGS) * largest };
         }
         let (matrix, translation) = (linear_part(&instance.to_world), translation(&instance.to_world));
         let position = matrix * local + translation;
@@ -344,7 +351,12 @@ impl Place {
         let back = growth(linear_part(&instance.to_object)).max_element() * position.abs().max_element();
         let inside = largest + back + DVec3::from(translation_of_object(instance)).abs().max_element();
         let reach = growth(matrix).max_element() * inside + translation.abs().max_element();
-        Self { position, normal, clearance: gamma(ROUNDINGS) * reach }
+        Self { position, normal, moment, clearance: gamma(ROUNDINGS) * reach }
+    }
+
+    /// In a medium.
+    pub fn within(position: DVec3, moment: Moment) -> Self {
+        Self { position, normal: DVec3::ZERO, moment, clearance: 0.0 }
     }
 
     /// Origin of a ray that leaves in a direction, clear of the triangle.

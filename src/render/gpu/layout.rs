@@ -375,6 +375,8 @@ mod tests {
             "AT_IRIDESCENCE_THICKNESS" iridescence_thickness,
             "AT_DIFFUSE_TRANSMISSION_COLOR" diffuse_transmission_color,
             "AT_DIFFUSE_TRANSMISSION" diffuse_transmission,
+            "AT_SCATTER" scatter,
+            "AT_SCATTER_ANISOTROPY" scatter_anisotropy,
             "AT_TEXTURES" textures,
         );
         let slots = [

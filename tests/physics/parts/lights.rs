@@ -117,7 +117,7 @@ impl Lights for F64 {
         let probability = self.1.of_light(pick);
         u.iter()
             .map(|u| {
-                let light = from_emitter(scene, entry, probability, &surface, [u[0], u[1]]);
+                let light = from_emitter(scene, entry, probability, &surface.place(), [u[0], u[1]]);
                 (light.direction, light.pdf.unwrap_or(0.0), light.weight.x)
             })
             .collect()
