@@ -63,7 +63,6 @@ impl Bottom {
         bottom.tree = tree;
         bottom
     }
-
 }
 
 /// An instance before the top level orders it.

@@ -80,8 +80,7 @@ impl<'a> Groups<'a> {
     pub fn check_size(&self) -> Result<(), SceneError> {
         let of_mesh = |mesh: &Mesh| mesh.primitives.iter().map(|p| p.triangles.len() as u64).sum::<u64>();
         let later = self.moving.iter().flat_map(|steps| steps.iter().skip(1)).map(|(mesh, _)| of_mesh(mesh));
-        let triangles: u64 =
-            self.primitives().map(|primitive| primitive.triangles.len() as u64).chain(later).sum();
+        let triangles: u64 = self.primitives().map(|primitive| primitive.triangles.len() as u64).chain(later).sum();
         let instances: usize = self.instanced.iter().map(|group| group.worlds.len()).sum();
         if triangles > MAX_TRIANGLES {
             return Err(too_large(&format!("{triangles} triangles; at most {MAX_TRIANGLES} are supported")));

@@ -86,7 +86,9 @@ impl MovingSoup {
                     if step == 0 {
                         soup.add_primitive(primitive, &placement, surfaces, first, &mut compiled.stats);
                         let added = soup.indices.iter().skip(places.len());
-                        places.extend(added.map(|indices| indices.map(|index| index - first + before)).collect::<Vec<_>>());
+                        places.extend(
+                            added.map(|indices| indices.map(|index| index - first + before)).collect::<Vec<_>>(),
+                        );
                     }
                 }
             }
@@ -195,7 +197,8 @@ impl CompiledScene {
             let areas = (0..=motion.pieces).map(|step| self.triangle_at(emitter.triangle, step).area());
             (areas.sum::<f64>() / f64::from(motion.pieces + 1)) as f32
         };
-        let areas: Vec<f32> = self.emitters.iter().map(|e| if motion.moves(e.triangle) { mean(e) } else { e.area }).collect();
+        let areas: Vec<f32> =
+            self.emitters.iter().map(|e| if motion.moves(e.triangle) { mean(e) } else { e.area }).collect();
         self.emitters.iter_mut().zip(areas).for_each(|(emitter, area)| emitter.area = area);
     }
 }

@@ -161,8 +161,7 @@ impl Glb {
             gltf["extensions"] = json!({"KHR_lights_punctual": {"lights": self.lights}});
         }
         if !self.channels.is_empty() {
-            gltf["animations"] =
-                json!([{"name": "motion", "samplers": self.samplers, "channels": self.channels}]);
+            gltf["animations"] = json!([{"name": "motion", "samplers": self.samplers, "channels": self.channels}]);
         }
         for (name, list) in [
             ("nodes", self.nodes),

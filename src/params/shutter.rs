@@ -37,9 +37,7 @@ pub fn check(check: &mut Check, shutter: &ShutterParams) {
     if check.finite(&[shutter.close], "close") {
         check.require(shutter.close >= shutter.open, "close", || "must not lie before `open`".to_owned());
     }
-    check.require((1..=MAX_STEPS).contains(&shutter.steps), "steps", || {
-        format!("must lie between 1 and {MAX_STEPS}")
-    });
+    check.require((1..=MAX_STEPS).contains(&shutter.steps), "steps", || format!("must lie between 1 and {MAX_STEPS}"));
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ mod motion;
 mod parts;
 mod preview;
 mod reliefs;
+mod scatter;
 mod spheres;
 mod stability;
 mod third_party;

@@ -170,13 +170,7 @@ pub fn radiance(light: &PunctualLight) -> DVec3 {
 }
 
 /// Light from a uniform place on an emitting triangle; `probability` is that of the triangle.
-pub fn from_emitter(
-    scene: &CompiledScene,
-    pick: &LightPick,
-    probability: f64,
-    at: &Place,
-    u: [f64; 2],
-) -> LightSample {
+pub fn from_emitter(scene: &CompiledScene, pick: &LightPick, probability: f64, at: &Place, u: [f64; 2]) -> LightSample {
     let triangle = &scene.triangles[pick.triangle as usize];
     let weights = uniform_triangle(u);
     let end = TriangleId { triangle: pick.triangle, instance: pick.index };

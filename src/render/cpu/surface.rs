@@ -83,13 +83,7 @@ impl<'a> Surface<'a> {
 
     /// On a sphere, which stands in the world.
     #[inline(never)]
-    fn of_sphere(
-        scene: &'a CompiledScene,
-        record: &Triangle,
-        hit: &Hit,
-        direction: DVec3,
-        moment: Moment,
-    ) -> Self {
+    fn of_sphere(scene: &'a CompiledScene, record: &Triangle, hit: &Hit, direction: DVec3, moment: Moment) -> Self {
         let normal = sphere_normal([hit.u, hit.v]);
         let (center, radius) = (DVec3::from(record.v0.map(f64::from)), f64::from(record.v1[0]));
         let back = normal.dot(direction) > 0.0;
@@ -159,12 +153,7 @@ impl<'a> Surface<'a> {
 
     /// Where it is.
     pub fn place(&self) -> Place {
-        Place {
-            position: self.position,
-            normal: self.geometric_normal,
-            moment: self.moment,
-            clearance: self.clearance,
-        }
+        Place { position: self.position, normal: self.geometric_normal, moment: self.moment, clearance: self.clearance }
     }
 
     /// Value of one of the material's textures; white if there is none.

@@ -73,7 +73,8 @@ impl Bvh {
             let tree = bvh.add_tree(items, &mut |bvh, primitives| {
                 if motion.moves(primitives[0]) {
                     let first = bvh.blocks.len() as u32;
-                    let at = |step: u32| Block::new(primitives, |index| scene.triangle_at(index, piece_of(tree) + step));
+                    let at =
+                        |step: u32| Block::new(primitives, |index| scene.triangle_at(index, piece_of(tree) + step));
                     bvh.blocks.extend([at(0), at(1)]);
                     return Child::leaf(first);
                 }

@@ -135,8 +135,7 @@ impl<A: FnMut(&Hit) -> bool, const ANY: bool> Search<'_, A, ANY> {
         let shear = Shear::new(ray.origin, ray.direction);
         let limit = slabs.limit(self.best.t);
         let nodes = &self.bvh.nodes;
-        let leaves =
-            MovingLeaves::<S, A, ANY> { part: ray.moment.part, shear, slabs: &slabs, instance, search: self };
+        let leaves = MovingLeaves::<S, A, ANY> { part: ray.moment.part, shear, slabs: &slabs, instance, search: self };
         walk(nodes, tree.root, &slabs, limit, leaves);
     }
 
