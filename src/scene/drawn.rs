@@ -1,13 +1,16 @@
 //! Where the nodes of a scene stand, and what they draw there.
 
 use super::deform::{self, Joints};
-use super::{Mesh, Node, Scene, SceneError};
+use super::{Mesh, Node, Primitive, Scene, SceneError, SceneErrorKind};
 use glam::DAffine3;
 use std::borrow::Cow;
 use std::cell::LazyCell;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::sync::Arc;
+
+/// Most copies of meshes that move, times the moments at which they are looked at.
+const MOST_COPIES: usize = 1 << 22;
 
 /// A node of a scene.
 #[derive(Debug, Clone, Copy)]
@@ -166,6 +169,8 @@ impl<'a> DrawnOver<'a> {
             if pieces.windows(2).all(|pair| stands_still(&pair[0].drawn, &pair[1].drawn)) {
                 pieces.drain(..).take(1).for_each(|piece| sorted.add(piece));
             } else {
+                let copies = pieces.iter().map(|piece| piece.drawn.worlds.len()).max().unwrap_or(0);
+                check_copies((moving.len() + copies) * poses.len())?;
                 moving.extend(over_time(pieces));
             }
         }
@@ -175,14 +180,30 @@ impl<'a> DrawnOver<'a> {
 
 /// Whether nothing has moved from one moment to the next.
 fn stands_still(before: &Drawn, after: &Drawn) -> bool {
-    let shape = |mesh: &Mesh| -> Vec<_> {
-        mesh.primitives.iter().map(|p| (p.positions.clone(), p.normals.clone(), p.tangents.clone())).collect()
+    let same_shape = |before: &Mesh, after: &Mesh| {
+        let same = |(before, after): (&Primitive, &Primitive)| {
+            before.positions == after.positions && before.normals == after.normals && before.tangents == after.tangents
+        };
+        before.primitives.iter().zip(&after.primitives).all(same)
     };
     let same_mesh = match (&before.mesh, &after.mesh) {
         (Cow::Borrowed(before), Cow::Borrowed(after)) if std::ptr::eq(*before, *after) => true,
-        (before, after) => shape(before) == shape(after),
+        (before, after) => same_shape(before, after),
     };
     same_mesh && before.worlds == after.worlds
+}
+
+/// Refuses more copies of meshes over time than could be stored.
+fn check_copies(copies: usize) -> Result<(), SceneError> {
+    if copies <= MOST_COPIES {
+        return Ok(());
+    }
+    let detail = format!(
+        "the scene has {copies} copies of meshes that move while the shutter is open, each moment counted; at most {MOST_COPIES} are \
+         supported: give the shutter fewer steps, or leave it out"
+    );
+    let (kind, pointer) = (SceneErrorKind::TooLarge, "/nodes".into());
+    Err(SceneError { kind, code: "scene_too_large", pointer, detail })
 }
 
 /// Each of a node's copies over time.
@@ -206,6 +227,7 @@ fn beyond(place: String) -> SceneError {
 
 #[cfg(test)]
 mod tests {
+    use super::{DrawnOver, MOST_COPIES, check_copies};
     use crate::scene::import::testing::{Builder, scene_of};
     use crate::scene::{Drawn, Moment, Scene};
     use glam::{DAffine3, DQuat, DVec3, Vec3};
@@ -308,6 +330,33 @@ mod tests {
             {"name": "camera", "samplers": [sampler(shift)], "channels": [channel(0, 1, "translation")]},
         ]);
         scene_of(&builder)
+    }
+
+    #[test]
+    fn what_moves_is_told_from_what_stands_still() {
+        let scene = animated();
+        let poses = |animation| -> Vec<Scene> {
+            [1.0, 2.0, 3.0].map(|time| scene.at(Some(Moment { animation, time }))).to_vec()
+        };
+        let (turning, resting) = (poses(0), poses(1));
+        let drawn = DrawnOver::new(&turning, 0).unwrap();
+        assert_eq!((drawn.still.len(), drawn.moving.len()), (0, 1));
+        // As each pose by itself.
+        for (pose, (mesh, world)) in turning.iter().zip(&drawn.moving[0].steps) {
+            let alone = pose.drawn(0).unwrap();
+            let moved: Vec<DVec3> =
+                mesh.primitives[0].positions.iter().map(|p| world.transform_point3(p.as_dvec3())).collect();
+            assert_eq!(moved, only(&alone).0);
+        }
+        let drawn = DrawnOver::new(&resting, 0).unwrap();
+        assert_eq!((drawn.still.len(), drawn.moving.len()), (1, 0), "the camera alone moves");
+        assert_eq!(drawn.still[0].worlds, resting[0].drawn(0).unwrap()[0].worlds);
+    }
+
+    #[test]
+    fn too_many_copies_are_refused() {
+        assert!(check_copies(MOST_COPIES).is_ok());
+        assert_eq!(check_copies(MOST_COPIES + 1).unwrap_err().code, "scene_too_large");
     }
 
     #[test]

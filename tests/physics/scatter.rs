@@ -39,15 +39,19 @@ fn in_a_white_sky(material: Material, samples: u32) -> Work {
     work(&scene(vec![(sphere(64), material, DAffine3::IDENTITY)]), &request)
 }
 
-/// No light is lost, whatever the colours' extinctions are and however it is scattered.
+/// No light is lost, whatever the colours' extinctions are and however it is scattered. Where these differ, a path ends up with
+/// one colour, of three times the weight: that is noise, of which a ball of grey has none.
 fn bodies_that_scatter_all_light_vanish_in_a_white_sky(engine: EngineChoice) {
-    let colors = Vec3::new(0.5, 0.1, 1e-3);
-    let mut cases = vec![("smooth".to_owned(), filled(1.5, colors, white(0.0)), 0.0, 5e-3)];
+    let (grey, colors) = (Vec3::splat(0.1), Vec3::new(0.5, 0.1, 0.01));
+    let diffuse = Extended { transmission: 0.0, diffuse_transmission: 1.0, ..filled(1.5, grey, white(0.3)) };
+    let mut cases = vec![
+        ("smooth", filled(1.5, grey, white(0.0)), 0.0, 2e-3),
+        ("coloured", filled(1.5, colors, white(0.0)), 0.0, 2e-2),
+        ("behind a diffuse surface", diffuse, 0.5, 1e-2),
+    ];
     for g in [-0.7, 0.0, 0.9] {
-        cases.push((format!("index 1, g {g}"), filled(1.0, colors, white(g)), 0.0, 5e-3));
+        cases.push(("index 1", filled(1.0, grey, white(g)), 0.0, 2e-3));
     }
-    let diffuse = Extended { transmission: 0.0, diffuse_transmission: 1.0, ..filled(1.5, colors, white(0.3)) };
-    cases.push(("behind a diffuse surface".to_owned(), diffuse, 0.5, 2e-2));
     for (name, extended, roughness, tolerance) in cases {
         let work = in_a_white_sky(of(extended, roughness), 256);
         assert!(work.features.scatter);
@@ -112,7 +116,7 @@ fn thick_bodies_reflect_as_chandrasekhar_says(engine: EngineChoice) {
     for degrees in [0.0f64, 60.0] {
         let (sine, cosine) = degrees.to_radians().sin_cos();
         let request = params(&format!(
-            r#"{{"environment":{{"constant":[1,1,1]}},"max_samples":1024,"width":16,"height":16,
+            r#"{{"environment":{{"constant":[1,1,1]}},"max_samples":512,"width":16,"height":16,
                 "camera":{{"position":[{},{},0],"target":[0,0,0],"up":[0,0,-1],"yfov_degrees":0.05}}}}"#,
             50.0 * sine,
             50.0 * cosine
@@ -123,7 +127,7 @@ fn thick_bodies_reflect_as_chandrasekhar_says(engine: EngineChoice) {
             let expected = 1.0 - h_function(albedo)(cosine) * (1.0 - albedo).sqrt();
             let got = mean(&picture, channel);
             eprintln!("{engine:?}, {degrees} degrees, albedo {albedo}: {got:.5} for {expected:.5}");
-            assert_near(got, expected, 8e-3);
+            assert_near(got, expected, 0.015);
         }
     }
 }
@@ -163,11 +167,11 @@ fn a_lamp_in_fog_by_single_scattering(engine: EngineChoice) {
 fn fogged() -> Scene {
     let scatter = Scatter { albedo: Vec3::new(0.95, 0.9, 0.6), anisotropy: 0.4 };
     let fog = of(filled(1.0, Vec3::new(0.7, 0.6, 0.5), scatter), 0.0);
-    let lamp = Material { emissive: Vec3::splat(8.0), ..grey(0.0, 1.0, 0.0) };
+    let lamp = Material { emissive: Vec3::splat(2.0), ..grey(0.0, 1.0, 0.0) };
     scene(vec![
         (slab(6.0, -0.5, 5.0), fog, DAffine3::IDENTITY),
         (square(3.0), grey(0.7, 0.5, 0.0), DAffine3::IDENTITY),
-        (square(0.5), lamp, DAffine3::from_translation(DVec3::Y * 2.0) * DAffine3::from_rotation_x(PI)),
+        (square(1.5), lamp, DAffine3::from_translation(DVec3::Y * 2.0) * DAffine3::from_rotation_x(PI)),
         (
             sphere(8),
             grey(0.8, 0.3, 1.0),
@@ -183,8 +187,8 @@ fn fogged() -> Scene {
 /// By light samples, by scattered rays and by both: all find the same.
 fn lamps_in_fog_are_found_once(engine: EngineChoice) {
     let request = params(
-        r#"{"max_samples":1024,"max_bounces":4,"width":8,"height":8,
-            "camera":{"position":[0,1,3],"target":[0,1,0],"yfov_degrees":50}}"#,
+        r#"{"max_samples":1024,"max_bounces":6,"width":8,"height":8,
+            "camera":{"position":[0,1,9],"target":[0,1,0],"yfov_degrees":25}}"#,
     );
     let means = [[true, true], [true, false], [false, true]].map(|[light_samples, scattered_light]| {
         let mut work = work(&fogged(), &request);
@@ -192,7 +196,7 @@ fn lamps_in_fog_are_found_once(engine: EngineChoice) {
         mean(&render(engine, work), 1)
     });
     eprintln!("{engine:?}: {means:?}");
-    assert_near(means[1], means[0], 0.015);
+    assert_near(means[1], means[0], 0.02);
     assert_near(means[2], means[0], 0.03);
 }
 
@@ -205,7 +209,7 @@ fn both_engines_scatter_alike() {
     parts.materials[3] = of(milk, 0.2);
     let request = params(
         r#"{"max_samples":64,"max_bounces":24,"adaptive":false,"width":16,"height":16,
-            "camera":{"position":[0,1,3],"target":[0.3,0.7,0],"yfov_degrees":50},
+            "camera":{"position":[0,1,9],"target":[0.3,0.7,0],"yfov_degrees":20},
             "lights":[{"type":"sphere","position":[-1,1,1],"radius":0.2,"intensity":2},
                 {"type":"point","position":[1,1.5,1],"intensity":1}]}"#,
     );

@@ -151,6 +151,9 @@ impl Integrator {
         if self.work.features.volume {
             let filled = surface.material.flags & Material::FILLED != 0;
             let left = (surface.back && filled).then(|| media::id(surface.material));
+            if path.throughput == DVec3::ZERO {
+                return false;
+            }
             if let Some(medium) = path.media.scattering(&self.work.scene, left).filter(|_| self.work.features.scatter) {
                 let flight = scatter::fly(medium, path.throughput, hit.t, sampler.pair(Dimension::Flight(path.bounce)));
                 path.throughput *= flight.weight;
@@ -178,7 +181,7 @@ impl Integrator {
     /// Scatters the path inside of what it is in, after a distance; false: it ends.
     #[inline(never)]
     fn scatter_within(&self, path: &mut Path, medium: &Extended, distance: f64, sampler: &Sampler) -> bool {
-        if path.bounce >= self.work.settings.max_bounces.unwrap_or(u32::MAX) || path.throughput == DVec3::ZERO {
+        if path.bounce >= self.work.settings.max_bounces.unwrap_or(u32::MAX) {
             return false;
         }
         let (g, moment) = (f64::from(medium.scatter_anisotropy), path.ray.moment);
