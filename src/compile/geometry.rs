@@ -65,9 +65,9 @@ pub fn compile_request(scene: &Scene, params: &RenderParams, files: &MapFiles) -
     merged.add_spheres(&look.spheres, &table, origin);
     let soups: Vec<Soup> =
         groups.instanced.iter().map(|group| object_soup(group.mesh, &surfaces, &mut compiled)).collect();
-    check_emitters(&merged, &soups, &groups.instanced)?;
     // Last, so that what moves lies behind everything else.
-    let moving = (!groups.moving.is_empty()).then(|| MovingSoup::new(&groups, &surfaces, &mut compiled));
+    let moving = MovingSoup::new(&groups, &surfaces, &mut compiled);
+    check_emitters([Some(&merged), moving.as_ref().map(|moving| &moving.soup)], &soups, &groups.instanced)?;
     let start = Instant::now();
     assemble(&mut compiled, &table, merged, soups, moving, &groups.instanced)?;
     let used: BTreeSet<usize> = uses.iter().map(|(_, use_)| use_.texture).collect();
@@ -117,10 +117,10 @@ fn uv_sets(uses: &[(Space, TextureRef)]) -> Result<usize, SceneError> {
     Ok(sets)
 }
 
-fn check_emitters(merged: &Soup, soups: &[Soup], groups: &[Group]) -> Result<(), SceneError> {
+fn check_emitters(in_world: [Option<&Soup>; 2], soups: &[Soup], groups: &[Group]) -> Result<(), SceneError> {
     let lit = |soup: &Soup| soup.luminance.iter().filter(|l| **l > 0.0).count() as u64;
     let instanced = soups.iter().zip(groups).map(|(soup, group)| lit(soup) * group.worlds.len() as u64);
-    let emitters = lit(merged) + instanced.sum::<u64>();
+    let emitters = in_world.into_iter().flatten().map(lit).sum::<u64>() + instanced.sum::<u64>();
     if emitters > MAX_EMITTERS {
         return Err(too_large(&format!("{emitters} emitting triangles; at most {MAX_EMITTERS} are supported")));
     }

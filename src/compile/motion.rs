@@ -64,11 +64,11 @@ pub struct MovingSoup {
 }
 
 impl MovingSoup {
-    /// Moves everything that moves to world space, and stores its vertices.
-    pub fn new(groups: &Groups, surfaces: &Surfaces, compiled: &mut CompiledScene) -> Self {
+    /// Moves everything that moves to world space, and stores its vertices; none: there is nothing.
+    pub fn new(groups: &Groups, surfaces: &Surfaces, compiled: &mut CompiledScene) -> Option<Self> {
         let pieces = groups.moving.first().map_or(0, |steps| steps.len().saturating_sub(1));
-        compiled.motion.pieces = pieces as u32;
-        compiled.motion.first_vertex = compiled.vertex_count();
+        let first_vertex = compiled.vertex_count();
+        let mut vertices = 0;
         let mut soup = Soup::default();
         soup.moves = true;
         // Where the corners of each triangle are among the positions of a moment.
@@ -93,13 +93,17 @@ impl MovingSoup {
                 }
             }
             if step == 0 {
-                compiled.motion.vertices = compiled.vertex_count() - compiled.motion.first_vertex;
+                vertices = compiled.vertex_count() - first_vertex;
             } else {
                 let corner = |index: u32| positions.get(index as usize).copied().unwrap_or_default();
                 later.push(places.iter().map(|indices: &[u32; 3]| indices.map(corner)).collect());
             }
         }
-        Self { soup, later }
+        if soup.triangles.is_empty() {
+            return None;
+        }
+        compiled.motion = Motion { pieces: pieces as u32, first_vertex, vertices, ..Motion::default() };
+        Some(Self { soup, later })
     }
 
     /// A list of the triangles for each moment.
