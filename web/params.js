@@ -147,7 +147,7 @@ function nested(flat) {
 
 /** The request's `params`. `settings` as START, the others as their panels hold them. */
 export function requestParams({ settings, camera, motion, lights, spheres, overrides, environment }) {
-  const params = { ...different(settings, DEFAULTS), ...different(motion, { time: null, animation: null }) };
+  const params = { ...different(settings, DEFAULTS), ...different(motion, { time: null, animation: null, shutter: null }) };
   params.camera = cameraParams(camera);
   const shining = lights.filter((light) => light.on).map(lightParams);
   if (shining.length > 0) params.lights = shining;
@@ -165,7 +165,8 @@ export function requestParams({ settings, camera, motion, lights, spheres, overr
 
 /** The same picture as the rasteriser draws it. */
 export function previewParams(params, settings) {
-  const { mode: _, ...others } = params;
+  // A preview shows one moment.
+  const { mode: _, shutter: _shutter, ...others } = params;
   return { ...others, mode: "preview", ...nested(different(settings, PREVIEW_DEFAULTS)) };
 }
 

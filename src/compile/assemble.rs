@@ -5,6 +5,7 @@ use super::emitters;
 use super::geometry::Soup;
 use super::groups::{Group, corner_points, too_large};
 use super::materials::Table;
+use super::motion::MovingSoup;
 use super::repeats;
 use super::{Bounds, BvhNode, CompiledScene, Instance, Triangle};
 use crate::scene::SceneError;
@@ -19,13 +20,15 @@ const MOST_VISITS: f32 = 100_000.0;
 /// A mesh in its tree.
 #[derive(Default)]
 pub struct Bottom {
-    tree: Tree,
+    /// Of its triangles.
+    pub tree: Tree,
     /// In leaf order.
     pub triangles: Vec<Triangle>,
     indices: Vec<[u32; 3]>,
     /// Emitting triangles: index among the mesh's, and mean luminance.
     pub lit: Vec<(u32, f32)>,
-    bounds: Bounds,
+    /// Around all of it.
+    pub bounds: Bounds,
 }
 
 impl Soup {
@@ -38,17 +41,24 @@ impl Soup {
             self.keep(&stays);
             return self.build(table);
         }
-        let mut bottom =
-            Bottom { bounds: boxes.iter().fold(Bounds::default(), |a, b| a.union(*b)), ..Bottom::default() };
+        let bounds = boxes.iter().fold(Bounds::default(), |a, b| a.union(*b));
+        Bottom { bounds, ..Bottom::new(self, tree) }
+    }
+}
+
+impl Bottom {
+    /// Brings triangles into the order of a tree. The bounds are still to be told.
+    pub fn new(soup: Soup, tree: Tree) -> Self {
+        let mut bottom = Self::default();
         for (position, from) in (0..).zip(&tree.order) {
             let from = *from as usize;
-            let mut triangle = self.triangles[from];
-            if self.luminance[from] > 0.0 {
+            let mut triangle = soup.triangles[from];
+            if soup.luminance[from] > 0.0 {
                 triangle.light = bottom.lit.len() as u32;
-                bottom.lit.push((position, self.luminance[from]));
+                bottom.lit.push((position, soup.luminance[from]));
             }
             bottom.triangles.push(triangle);
-            bottom.indices.push(self.indices[from]);
+            bottom.indices.push(soup.indices[from]);
         }
         bottom.tree = tree;
         bottom
@@ -62,6 +72,8 @@ pub struct Standing {
     /// To world, relative to the origin.
     pub map: DAffine3,
     bounds: Bounds,
+    /// [`Instance::flags`].
+    flags: u32,
 }
 
 /// Puts everything into trees and the trees into the scene.
@@ -73,6 +85,7 @@ pub fn assemble(
     table: &Table,
     merged: Soup,
     soups: Vec<Soup>,
+    moving: Option<MovingSoup>,
     groups: &[Group],
 ) -> Result<(), SceneError> {
     let mut bottoms: Vec<Bottom> = soups.into_par_iter().map(|soup| soup.build(table)).collect();
@@ -80,10 +93,18 @@ pub fn assemble(
     let merged = bottoms.len() - 1;
     let mut standing = instances(&bottoms, groups, compiled.origin);
     repeats::keep_first_places(&mut standing, |bottom| bottoms[bottom].triangles.iter().all(|t| table.is_opaque(t)));
+    let in_world =
+        |bottom: usize, bounds: Bounds, flags: u32| Standing { bottom, map: DAffine3::IDENTITY, bounds, flags };
+    let later = moving.map(|moving| {
+        let (bottom, later) = moving.build();
+        standing.push(in_world(bottoms.len(), bottom.bounds, Instance::MOVING));
+        bottoms.push(bottom);
+        later
+    });
     compiled.two_level = !standing.is_empty();
     let empty = bottoms[merged].triangles.is_empty();
     if !(compiled.two_level && empty) {
-        standing.push(Standing { bottom: merged, map: DAffine3::IDENTITY, bounds: bottoms[merged].bounds });
+        standing.push(in_world(merged, bottoms[merged].bounds, 0));
     }
     let mut order: Vec<u32> = vec![0];
     let mut visits = bottoms[merged].tree.visits;
@@ -100,6 +121,9 @@ pub fn assemble(
     }
     compiled.stats.triangles = compiled.triangles.len() as u64;
     compiled.stats.instances = compiled.instances.len() as u64;
+    if let (Some(later), Some((_, first_triangle))) = (later, roots.last()) {
+        later.append(compiled, *first_triangle);
+    }
     Ok(())
 }
 
@@ -122,7 +146,12 @@ fn instances(bottoms: &[Bottom], groups: &[Group], origin: DVec3) -> Vec<Standin
     for (bottom, group) in groups.iter().enumerate().filter(|(bottom, _)| !bottoms[*bottom].triangles.is_empty()) {
         let points = corner_points(group.mesh);
         let maps = group.worlds.par_iter().map(|world| DAffine3 { translation: world.translation - origin, ..*world });
-        let placed = maps.map(|map| Standing { bottom, map, bounds: instance_bounds(&points, &map) });
+        let placed = maps.map(|map| Standing {
+            bottom,
+            map,
+            bounds: instance_bounds(&points, &map),
+            flags: u32::from(map.matrix3.determinant() < 0.0),
+        });
         standing.par_extend(placed);
     }
     standing
@@ -158,7 +187,7 @@ fn append_bottoms(compiled: &mut CompiledScene, bottoms: &mut [Bottom], standing
 }
 
 /// A node whose indices count from elsewhere: word 4 is the first child node, word 5 the first primitive.
-fn shifted(mut node: BvhNode, nodes: u32, primitives: u32) -> BvhNode {
+pub fn shifted(mut node: BvhNode, nodes: u32, primitives: u32) -> BvhNode {
     node.words[4] += nodes;
     node.words[5] += primitives;
     node
@@ -180,7 +209,7 @@ fn push_instance(
         root,
         first_triangle,
         light_base: compiled.emitters.len() as u32,
-        flags: u32::from(standing.map.matrix3.determinant() < 0.0),
+        flags: standing.flags,
     });
     let emitters = emitters::of_instance(index, bottom, first_triangle, &table.materials, standing.map);
     compiled.emitters.extend(emitters);

@@ -1,6 +1,7 @@
 //! The camera of a request: of the scene, given in place, in orbit, or framed automatically.
 
 use super::framing::{self, Axes};
+use super::motion;
 use super::walk::camera_nodes;
 use super::{CompileError, CompiledScene, DefaultTaken, Lens, View};
 use crate::params::{CameraParams, FieldError, OrbitParams, RenderParams};
@@ -21,6 +22,29 @@ pub fn view(
     compiled: &CompiledScene,
     params: &RenderParams,
 ) -> Result<(View, Vec<DefaultTaken>), CompileError> {
+    let (pose, lens, defaults) = stand(scene, compiled, params)?;
+    let poses = motion::poses(scene, params)?;
+    let way = poses.iter().map(|pose| Ok(stand(pose, compiled, params)?.0.to_world()));
+    let way: Vec<Affine3A> = way.collect::<Result<_, CompileError>>()?;
+    let moves = way.windows(2).any(|pair| pair[0] != pair[1]);
+    let view = View {
+        to_world: pose.to_world(),
+        way: if moves { way } else { Vec::new() },
+        lens,
+        width: params.width,
+        height: params.height,
+        filter: params.filter,
+        transparent: params.output.transparent,
+    };
+    Ok((view, defaults))
+}
+
+/// Where the camera of a request stands in a scene, and its lens.
+fn stand(
+    scene: &Scene,
+    compiled: &CompiledScene,
+    params: &RenderParams,
+) -> Result<(Pose, Lens, Vec<DefaultTaken>), CompileError> {
     let camera = params.camera.clone().unwrap_or_default();
     check_combination(&camera)?;
     let cameras = camera_nodes(scene, params.scene)?;
@@ -35,15 +59,7 @@ pub fn view(
     } else {
         builder.framed()?
     };
-    let view = View {
-        to_world: pose.to_world(),
-        lens,
-        width: params.width,
-        height: params.height,
-        filter: params.filter,
-        transparent: params.output.transparent,
-    };
-    Ok((view, builder.defaults))
+    Ok((pose, lens, builder.defaults))
 }
 
 fn fault(field: &str, detail: String) -> FieldError {

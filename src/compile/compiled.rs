@@ -1,6 +1,6 @@
 //! [`CompiledScene`] and its parts, as kernels read them.
 
-use super::{Extended, LightTree, NONE};
+use super::{Extended, LightTree, Motion, NONE};
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -16,13 +16,13 @@ pub struct CompiledScene {
     /// CWBVH nodes: first the top level's (if `two_level`), then each mesh's, indices absolute.
     #[serde(with = "crate::pod")]
     pub nodes: Vec<BvhNode>,
-    /// Triangles in leaf order, object space of their instance.
+    /// Triangles in leaf order, object space of their instance; those that move at the end, and again for later moments ([`Motion`]).
     #[serde(with = "crate::pod")]
     pub triangles: Vec<Triangle>,
     /// Vertex indices (absolute, into `vertices`) of each triangle, in leaf order.
     #[serde(with = "crate::pod")]
     pub indices: Vec<[u32; 3]>,
-    /// Vertex records of `layout.stride` words.
+    /// Vertex records of `layout.stride` words, those that move at the end, and again for later moments.
     #[serde(with = "crate::pod")]
     pub vertices: Vec<u32>,
     /// What a vertex record holds.
@@ -49,6 +49,8 @@ pub struct CompiledScene {
     pub emitters: Vec<Emitter>,
     /// From which they are drawn, if they are many.
     pub light_tree: LightTree,
+    /// What of it moves while the shutter is open.
+    pub motion: Motion,
     /// Whether rays pass a top level first.
     pub two_level: bool,
     /// Longest chain of nodes from the root, both levels together.
@@ -184,8 +186,13 @@ pub struct Instance {
     pub first_triangle: u32,
     /// Added to `Triangle::light`.
     pub light_base: u32,
-    /// Bit 0: the transform mirrors (its determinant is negative).
+    /// Bit 0: the transform mirrors (its determinant is negative). [`Instance::MOVING`].
     pub flags: u32,
+}
+
+impl Instance {
+    /// Bit of `flags`: what moves ([`Motion`]); its transform is the identity.
+    pub const MOVING: u32 = 2;
 }
 
 /// A material as kernels read it.

@@ -25,7 +25,7 @@ pub struct Extended {
     pub specular_color: [f32; 3],
     /// 20 over the Abbe number.
     pub dispersion: f32,
-    /// Absorption coefficient per unit of length.
+    /// Coefficient of absorption, and of scattering with it, per unit of length.
     pub absorption: [f32; 3],
     /// Coverage of the coat.
     pub clearcoat: f32,
@@ -51,6 +51,10 @@ pub struct Extended {
     pub diffuse_transmission_color: [f32; 3],
     /// Part of the diffuse light that passes.
     pub diffuse_transmission: f32,
+    /// Part of what a collision in the medium does not absorb, but scatters; zero: nothing is scattered.
+    pub scatter: [f32; 3],
+    /// Mean cosine of the angle of scattering.
+    pub scatter_anisotropy: f32,
     /// By [`Slot`].
     pub textures: [TextureSlot; SLOTS],
 }
@@ -89,6 +93,11 @@ impl Extended {
         &self.textures[slot as usize]
     }
 
+    /// Whether light is scattered inside.
+    pub fn scatters(&self) -> bool {
+        self.scatter.iter().any(|albedo| *albedo > 0.0)
+    }
+
     /// Whether a ray that goes straight on can carry light through: walls that are thin and smooth.
     pub fn passes_straight(&self) -> bool {
         self.transmission > 0.0 && self.flags & Self::THICK == 0
@@ -106,6 +115,7 @@ impl Extended {
     pub(super) fn new(look: &Look, source: &scene::Extended, textures: &Textures) -> Self {
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
         let without_texture = source.iridescence_thickness_texture.is_none();
+        let scatter = source.scatter.filter(|_| source.volume.is_some());
         let thickest = source.iridescence_thickness[1];
         Self {
             flags: flag(source.specular_glossiness, Self::SPECULAR_GLOSSINESS)
@@ -128,6 +138,8 @@ impl Extended {
             iridescence_thickness: if without_texture { [thickest; 2] } else { source.iridescence_thickness },
             diffuse_transmission_color: source.diffuse_transmission_color.to_array(),
             diffuse_transmission: source.diffuse_transmission,
+            scatter: scatter.map_or([0.0; 3], |scatter| scatter.albedo.to_array()),
+            scatter_anisotropy: scatter.map_or(0.0, |scatter| scatter.anisotropy),
             textures: uses(source).map(|(space, use_)| textures.slot(look, space, use_)),
         }
     }

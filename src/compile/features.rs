@@ -40,6 +40,8 @@ pub struct Features {
     pub transmission: bool,
     /// Some mesh is filled with something that light gets into.
     pub volume: bool,
+    /// Light is scattered inside some.
+    pub scatter: bool,
     /// Some surface lets shadow rays pass straight.
     pub thin: bool,
     /// Some light passes diffusely.
@@ -72,6 +74,8 @@ pub struct Features {
     pub thin_lens: bool,
     /// Parallel projection.
     pub orthographic: bool,
+    /// The shutter is open for some time, in which something moves.
+    pub motion: bool,
 }
 
 /// Perceptual roughness below which a surface is a perfect mirror.
@@ -99,6 +103,7 @@ pub fn features(scene: &CompiledScene, lighting: &Lighting, view: &View, params:
         extended: !scene.extended.is_empty(),
         transmission: extension(&|extended| extended.transmission > 0.0),
         volume: extension(&|extended| extended.flags & Extended::THICK != 0),
+        scatter: path && extension(&Extended::scatters),
         thin: extension(&Extended::passes_straight),
         diffuse_transmission: extension(&|extended| extended.diffuse_transmission > 0.0),
         dispersion: extension(&|extended| extended.dispersion > 0.0),
@@ -115,6 +120,7 @@ pub fn features(scene: &CompiledScene, lighting: &Lighting, view: &View, params:
         environment: environment_code(&lighting.environment),
         thin_lens: matches!(view.lens, Lens::Perspective { aperture_radius, .. } if aperture_radius > 0.0),
         orthographic: matches!(view.lens, Lens::Orthographic { .. }),
+        motion: scene.motion.pieces > 0 || !view.way.is_empty() || lighting.moves(),
     }
 }
 

@@ -6,12 +6,13 @@ use super::emitters::Emission;
 use super::groups::{Group, Groups, too_large};
 use super::look::{Look, MapFiles, Sphere};
 use super::materials::{self, Key, Table};
+use super::motion::{self, MovingSoup};
 use super::textures::{Space, Textures};
 use super::vertices::{self, Placement, UV_SETS};
 use super::walk::{chosen_scene, invalid};
 use super::{CompileError, CompileStats, CompiledScene, LightTree, NONE, Triangle};
 use crate::params::{FieldError, RenderParams};
-use crate::scene::{Mesh, Primitive, Scene, SceneError, TextureRef};
+use crate::scene::{DrawnOver, Mesh, Primitive, Scene, SceneError, TextureRef};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
@@ -36,7 +37,12 @@ pub fn compile_scene(scene: &Scene, scene_index: Option<usize>) -> Result<Compil
 /// Those of [`compile_scene`], and [`CompileError::Params`] if the file has no variant or material of a name.
 pub fn compile_request(scene: &Scene, params: &RenderParams, files: &MapFiles) -> Result<CompiledScene, CompileError> {
     let variant = params.variant.as_deref().map(|name| variant_index(scene, name)).transpose()?;
-    let drawn = scene.drawn(chosen_scene(scene, params.scene)?)?;
+    let chosen = chosen_scene(scene, params.scene)?;
+    let poses = motion::poses(scene, params)?;
+    let drawn = match &poses[..] {
+        [] => DrawnOver { still: scene.drawn(chosen)?, moving: Vec::new() },
+        poses => DrawnOver::new(poses, chosen)?,
+    };
     let groups = Groups::new(&drawn, variant);
     groups.check_size()?;
     let look = Look::new(scene, params, files)?;
@@ -59,9 +65,11 @@ pub fn compile_request(scene: &Scene, params: &RenderParams, files: &MapFiles) -
     merged.add_spheres(&look.spheres, &table, origin);
     let soups: Vec<Soup> =
         groups.instanced.iter().map(|group| object_soup(group.mesh, &surfaces, &mut compiled)).collect();
-    check_emitters(&merged, &soups, &groups.instanced)?;
+    // Last, so that what moves lies behind everything else.
+    let moving = MovingSoup::new(&groups, &surfaces, &mut compiled);
+    check_emitters([Some(&merged), moving.as_ref().map(|moving| &moving.soup)], &soups, &groups.instanced)?;
     let start = Instant::now();
-    assemble(&mut compiled, &table, merged, soups, &groups.instanced)?;
+    assemble(&mut compiled, &table, merged, soups, moving, &groups.instanced)?;
     let used: BTreeSet<usize> = uses.iter().map(|(_, use_)| use_.texture).collect();
     compiled.stats = CompileStats {
         textures: textures.decoded,
@@ -109,10 +117,10 @@ fn uv_sets(uses: &[(Space, TextureRef)]) -> Result<usize, SceneError> {
     Ok(sets)
 }
 
-fn check_emitters(merged: &Soup, soups: &[Soup], groups: &[Group]) -> Result<(), SceneError> {
+fn check_emitters(in_world: [Option<&Soup>; 2], soups: &[Soup], groups: &[Group]) -> Result<(), SceneError> {
     let lit = |soup: &Soup| soup.luminance.iter().filter(|l| **l > 0.0).count() as u64;
     let instanced = soups.iter().zip(groups).map(|(soup, group)| lit(soup) * group.worlds.len() as u64);
-    let emitters = lit(merged) + instanced.sum::<u64>();
+    let emitters = in_world.into_iter().flatten().map(lit).sum::<u64>() + instanced.sum::<u64>();
     if emitters > MAX_EMITTERS {
         return Err(too_large(&format!("{emitters} emitting triangles; at most {MAX_EMITTERS} are supported")));
     }
@@ -137,9 +145,10 @@ fn object_soup(mesh: &Mesh, surfaces: &Surfaces, compiled: &mut CompiledScene) -
 }
 
 /// What materials say about triangles.
-struct Surfaces<'a> {
+pub struct Surfaces<'a> {
     table: &'a Table,
-    variant: Option<usize>,
+    /// Variant of the materials.
+    pub variant: Option<usize>,
     alpha: Vec<AlphaTest<'a>>,
     emissions: Vec<Emission<'a>>,
 }
@@ -153,6 +162,8 @@ pub struct Soup {
     pub indices: Vec<[u32; 3]>,
     /// Mean luminance of each; zero: does not emit.
     pub luminance: Vec<f32>,
+    /// Triangles of no area are kept: they move, and may get one.
+    pub moves: bool,
     /// Triangles seen, those left out included.
     seen: u32,
 }
@@ -196,7 +207,8 @@ impl Soup {
         }
     }
 
-    fn add_primitive(
+    /// Adds the triangles of a primitive whose vertex records begin with `first_vertex`.
+    pub fn add_primitive(
         &mut self,
         primitive: &Primitive,
         placement: &Placement,
@@ -210,7 +222,8 @@ impl Soup {
             let ordinal = self.seen;
             self.seen += 1;
             let indices = if placement.mirrored { [indices[0], indices[2], indices[1]] } else { *indices };
-            let Some((indices, [v0, v1, v2])) = corners(primitive, placement, indices) else {
+            let corners = corners(primitive, placement, indices).filter(|(_, area, _)| self.moves || *area > 0.0);
+            let Some((indices, _, [v0, v1, v2])) = corners else {
                 stats.degenerate_triangles += 1;
                 continue;
             };
@@ -230,14 +243,14 @@ impl Soup {
 
 impl CompiledScene {
     /// Vertices stored so far.
-    fn vertex_count(&self) -> u32 {
+    pub(super) fn vertex_count(&self) -> u32 {
         self.vertices.len().checked_div(self.layout.stride as usize).unwrap_or(0) as u32
     }
 }
 
-/// Corners of a triangle where it is stored, and their indices, turned so that the longest edge lies opposite to the first
-/// ([`Triangle::v0`]); none: it has no area there, or is not finite.
-fn corners(primitive: &Primitive, placement: &Placement, mut indices: [u32; 3]) -> Option<([u32; 3], [Vec3; 3])> {
+/// Corners of a triangle where it is stored, their indices, turned so that the longest edge lies opposite to the first
+/// ([`Triangle::v0`]), and the square of twice its area; none: it is not finite.
+fn corners(primitive: &Primitive, placement: &Placement, mut indices: [u32; 3]) -> Option<([u32; 3], f64, [Vec3; 3])> {
     let point = |index: u32| primitive.positions.get(index as usize).map(|p| placement.point(*p));
     let mut corners = [point(indices[0])?, point(indices[1])?, point(indices[2])?];
     let [a, b, c] = corners.map(|v| v.as_dvec3());
@@ -246,7 +259,7 @@ fn corners(primitive: &Primitive, placement: &Placement, mut indices: [u32; 3]) 
     let first = (1..3).fold(0, |first, i| if opposite[i] > opposite[first] { i } else { first });
     corners.rotate_left(first);
     indices.rotate_left(first);
-    (corners.iter().all(|v| v.is_finite()) && area > 0.0).then_some((indices, corners))
+    corners.iter().all(|v| v.is_finite()).then_some((indices, area, corners))
 }
 
 fn uvs(primitive: &Primitive, set: Option<usize>, indices: [u32; 3]) -> [Vec2; 3] {

@@ -4,7 +4,7 @@
 use super::VertexLayout;
 use super::look::Sphere;
 use super::walk::invalid;
-use crate::scene::{Drawn, Mesh, Primitive, SceneError, SceneErrorKind};
+use crate::scene::{Drawn, DrawnOver, Mesh, Moving, Primitive, SceneError, SceneErrorKind};
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
@@ -24,6 +24,8 @@ pub struct Groups<'a> {
     pub merged: Vec<(&'a Mesh, DAffine3)>,
     /// Drawn several times each.
     pub instanced: Vec<Group<'a>>,
+    /// Drawn once each while they move: mesh and place by moment. A mesh that moves is stored as often as it is drawn.
+    pub moving: Vec<Vec<(&'a Mesh, DAffine3)>>,
     /// Variant of the materials, an index into [`Scene::variants`].
     pub variant: Option<usize>,
 }
@@ -38,9 +40,14 @@ pub struct Group<'a> {
 
 impl<'a> Groups<'a> {
     /// Sorts what a scene of the file draws.
-    pub fn new(drawn: &'a [Drawn<'_>], variant: Option<usize>) -> Self {
-        let mut groups = Self { merged: Vec::new(), instanced: Vec::new(), variant };
-        for Drawn { mesh, worlds } in drawn {
+    pub fn new(drawn: &'a DrawnOver<'_>, variant: Option<usize>) -> Self {
+        let steps = |moving: &'a Moving<'_>| -> Vec<_> {
+            moving.steps.iter().map(|(mesh, world)| (mesh.as_ref().as_ref(), *world)).collect()
+        };
+        let mut moving: Vec<_> = drawn.moving.iter().map(steps).collect();
+        moving.retain(|steps| steps.iter().all(|(_, world)| world.is_finite()));
+        let mut groups = Self { merged: Vec::new(), instanced: Vec::new(), moving, variant };
+        for Drawn { mesh, worlds } in &drawn.still {
             let mesh = mesh.as_ref();
             let worlds = worlds.iter().copied().filter(is_something);
             let (worlds, flat): (Vec<_>, Vec<_>) = worlds.partition(is_invertible);
@@ -55,7 +62,13 @@ impl<'a> Groups<'a> {
     }
 
     fn meshes(&self) -> impl Iterator<Item = &'a Mesh> {
-        self.merged.iter().map(|(mesh, _)| *mesh).chain(self.instanced.iter().map(|group| group.mesh))
+        let moving = self.moving.iter().filter_map(|steps| steps.first()).map(|(mesh, _)| *mesh);
+        self.merged.iter().map(|(mesh, _)| *mesh).chain(self.instanced.iter().map(|group| group.mesh)).chain(moving)
+    }
+
+    /// Every mesh that is stored in the world, and where, those that move once for each moment.
+    fn in_world(&self) -> impl ParallelIterator<Item = &(&'a Mesh, DAffine3)> {
+        self.merged.par_iter().chain(self.moving.par_iter().flatten())
     }
 
     /// Everything that is stored.
@@ -65,7 +78,9 @@ impl<'a> Groups<'a> {
 
     /// Refuses too many triangles or instances.
     pub fn check_size(&self) -> Result<(), SceneError> {
-        let triangles: u64 = self.primitives().map(|primitive| primitive.triangles.len() as u64).sum();
+        let of_mesh = |mesh: &Mesh| mesh.primitives.iter().map(|p| p.triangles.len() as u64).sum::<u64>();
+        let later = self.moving.iter().flat_map(|steps| steps.iter().skip(1)).map(|(mesh, _)| of_mesh(mesh));
+        let triangles: u64 = self.primitives().map(|primitive| primitive.triangles.len() as u64).chain(later).sum();
         let instances: usize = self.instanced.iter().map(|group| group.worlds.len()).sum();
         if triangles > MAX_TRIANGLES {
             return Err(too_large(&format!("{triangles} triangles; at most {MAX_TRIANGLES} are supported")));
@@ -78,7 +93,9 @@ impl<'a> Groups<'a> {
 
     /// Refuses more vertices than 32 bits can count words of.
     pub fn check_vertices(&self, layout: &VertexLayout) -> Result<(), SceneError> {
-        let vertices: u64 = self.primitives().map(|primitive| primitive.positions.len() as u64).sum();
+        let of_mesh = |mesh: &Mesh| mesh.primitives.iter().map(|p| p.positions.len() as u64).sum::<u64>();
+        let later = self.moving.iter().flat_map(|steps| steps.iter().skip(1)).map(|(mesh, _)| of_mesh(mesh));
+        let vertices: u64 = self.primitives().map(|primitive| primitive.positions.len() as u64).chain(later).sum();
         let words = vertices * u64::from(layout.stride.max(1));
         if words > u64::from(u32::MAX) {
             return Err(too_large(&format!("{vertices} vertices of {} words", layout.stride)));
@@ -94,7 +111,7 @@ impl<'a> Groups<'a> {
             let points = points.iter().map(|p| world.transform_point3(*p)).filter(|p| p.is_finite());
             points.fold(empty, |all, p| (all.0.min(p), all.1.max(p)))
         };
-        let merged = self.merged.par_iter().map(|(mesh, world)| around(&corner_points(mesh), world));
+        let merged = self.in_world().map(|(mesh, world)| around(&corner_points(mesh), world));
         let instanced = self.instanced.iter().map(|group| {
             let points = corner_points(group.mesh);
             group.worlds.par_iter().map(|world| around(&points, world)).reduce(|| empty, join)

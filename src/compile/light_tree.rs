@@ -60,9 +60,10 @@ pub struct LightTree {
 }
 
 impl LightTree {
-    /// Of a scene's emitters, if there are enough for it to pay.
+    /// Of a scene's emitters, if there are enough for it to pay and none moves: a box and a cone stand for one moment.
     pub fn new(scene: &CompiledScene) -> Self {
-        if scene.emitters.len() < FEWEST { Self::default() } else { Self::of(scene) }
+        let moves = scene.emitters.iter().any(|emitter| scene.motion.moves(emitter.triangle));
+        if moves || scene.emitters.len() < FEWEST { Self::default() } else { Self::of(scene) }
     }
 
     /// Of a scene's emitters, however few.

@@ -14,6 +14,10 @@ pub struct Lighting {
     pub lights: Vec<PunctualLight>,
     /// Number of those with an extent.
     pub extended: u32,
+    /// The same lights at the ends of the pieces of their way while the shutter is open, a list behind the other, where one of them
+    /// moves; else empty.
+    #[serde(with = "crate::pod")]
+    pub way: Vec<PunctualLight>,
     /// Entries of `lights` then emitters; empty if there are neither. All are an alias table; if there is a tree, those of `lights`.
     #[serde(with = "crate::pod")]
     pub picks: Vec<LightPick>,
@@ -29,6 +33,16 @@ pub struct Lighting {
 }
 
 impl Lighting {
+    /// The lights at every moment at which any of them is looked at; the first come first.
+    pub fn over_time(&self) -> &[PunctualLight] {
+        if self.moves() { &self.way } else { &self.lights }
+    }
+
+    /// Whether a light moves while the shutter is open.
+    pub fn moves(&self) -> bool {
+        !self.way.is_empty()
+    }
+
     /// Entries of `picks` that are the alias table.
     pub fn table(&self) -> &[LightPick] {
         let count = if self.tree_probability > 0.0 { self.lights.len() } else { self.picks.len() };

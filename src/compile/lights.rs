@@ -4,6 +4,7 @@ use super::alias;
 use super::emitters::luminance;
 use super::environment;
 use super::light_records::{Given, of_file, of_request};
+use super::motion;
 use super::walk::placed_nodes;
 use super::{CompileError, CompiledScene, DefaultTaken, Emitter, Environment, EnvironmentKind, Hdri, LightPick};
 use super::{Lighting, PunctualKind, PunctualLight};
@@ -28,29 +29,21 @@ pub fn light(
 ) -> Result<(Lighting, Vec<DefaultTaken>), CompileError> {
     let path = params.mode == Mode::Path;
     let mut lighting = Lighting::default();
-    let mut add = |light: PunctualLight| {
-        if reaches(&light, compiled) {
-            lighting.lights.push(light);
-        } else {
-            lighting.skipped += 1;
-        }
-    };
-    if params.scene_lights {
-        for placed in placed_nodes(scene, params.scene)? {
-            let light = scene.nodes[placed.node].light.and_then(|index| scene.lights.get(index));
-            if let Some(light) = light {
-                add(of_file(light, &placed, compiled.origin));
-            }
-        }
-    }
+    // Each at one moment or at several, the first of which stands for all.
+    let mut lights = if params.scene_lights { lights_of_file(scene, compiled, params)? } else { Vec::new() };
     let mut ambient = Vec3::ZERO;
     for given in &params.lights {
         match of_request(given, compiled.origin, path) {
-            Given::Light(light) => add(light),
+            Given::Light(light) => lights.push(vec![light]),
             Given::Ambient(radiance) => ambient += radiance,
         }
     }
-    lighting.lights.sort_by_key(|light| !light.has_extent());
+    let all = lights.len();
+    lights.retain(|way| way.iter().any(|light| reaches(light, compiled)));
+    lighting.skipped = (all - lights.len()) as u32;
+    lights.sort_by_key(|way| way.iter().any(|light| !light.has_extent()));
+    lighting.lights = lights.iter().filter_map(|way| way.first().copied()).collect();
+    lighting.way = ways(&lights);
     lighting.extended = lighting.lights.iter().filter(|light| light.has_extent()).count() as u32;
     let emits = path && !compiled.emitters.is_empty();
     let nothing_shines = lighting.lights.is_empty() && !emits && ambient == Vec3::ZERO;
@@ -64,6 +57,42 @@ pub fn light(
     fill_table(&mut lighting, compiled, path);
     lighting.environment_probability = environment_probability(&lighting, path);
     Ok((lighting, defaults))
+}
+
+/// Lights of the file, each at every moment of the shutter at which it is looked at.
+fn lights_of_file(
+    scene: &Scene,
+    compiled: &CompiledScene,
+    params: &RenderParams,
+) -> Result<Vec<Vec<PunctualLight>>, CompileError> {
+    let poses = motion::poses(scene, params)?;
+    let poses = if poses.is_empty() { std::slice::from_ref(scene) } else { &poses[..] };
+    let mut lights = Vec::new();
+    for pose in poses {
+        let mut index = 0;
+        for placed in placed_nodes(pose, params.scene)? {
+            let light = pose.nodes[placed.node].light.and_then(|index| pose.lights.get(index));
+            let Some(light) = light else { continue };
+            if lights.len() == index {
+                lights.push(Vec::with_capacity(poses.len()));
+            }
+            lights[index].push(of_file(light, &placed, compiled.origin));
+            index += 1;
+        }
+    }
+    Ok(lights)
+}
+
+/// All lights at each moment, one moment after the other; empty: none moves.
+fn ways(lights: &[Vec<PunctualLight>]) -> Vec<PunctualLight> {
+    let place = |light: &PunctualLight| (light.position, light.direction);
+    let moves = |way: &Vec<PunctualLight>| way.windows(2).any(|pair| place(&pair[0]) != place(&pair[1]));
+    if !lights.iter().any(moves) {
+        return Vec::new();
+    }
+    let moments = lights.iter().map(Vec::len).max().unwrap_or(0);
+    let at = |moment: usize| lights.iter().filter_map(move |way| way.get(moment).or(way.first()).copied());
+    (0..moments).flat_map(at).collect()
 }
 
 /// A sky without detail is found by the surface's own sampling; only a picture is sampled on purpose. Half of the samples where

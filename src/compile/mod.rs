@@ -31,6 +31,7 @@ mod lights;
 mod look;
 mod materials;
 mod moment;
+pub mod motion;
 mod quantize;
 mod repeats;
 mod sight;
@@ -59,6 +60,7 @@ pub use lighting::{
 pub use lights::{light, shines};
 pub use look::MapFiles;
 pub use moment::moment;
+pub use motion::Motion;
 pub use sight::unseen;
 pub use textures::map_size;
 pub use tiles::{ANY_FACING, FACING_STRIDE, FACINGS, TILES, tile_of};
@@ -79,10 +81,12 @@ pub struct DefaultTaken {
 }
 
 /// Camera and film of one request.
-#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct View {
     /// Camera to world, relative to the origin; the camera looks along -Z.
     pub to_world: Affine3A,
+    /// The same at the ends of the pieces of its way while the shutter is open ([`Motion`]); empty: it stands still.
+    pub way: Vec<Affine3A>,
     /// Lens.
     pub lens: Lens,
     /// Pixels across.

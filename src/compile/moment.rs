@@ -9,7 +9,10 @@ use crate::scene::{Moment, Scene};
 /// The file has no such animation.
 pub fn moment(scene: &Scene, params: &RenderParams) -> Result<Option<Moment>, FieldError> {
     let animation = match &params.animation {
-        None => (params.time.is_some() && !scene.animations.is_empty()).then_some(0),
+        None => {
+            let asks = params.time.is_some() || params.open_shutter().is_some();
+            (asks && !scene.animations.is_empty()).then_some(0)
+        }
         Some(choice) => Some(chosen(scene, choice)?),
     };
     Ok(animation.map(|animation| Moment { animation, time: params.time.unwrap_or(0.0) }))

@@ -62,7 +62,15 @@ mod tests {
         };
         unseen(
             &bounds,
-            &View { to_world, lens, width: 300, height: 200, filter: Filter::default(), transparent: false },
+            &View {
+                to_world,
+                way: Vec::new(),
+                lens,
+                width: 300,
+                height: 200,
+                filter: Filter::default(),
+                transparent: false,
+            },
         )
     }
 

@@ -24,6 +24,8 @@ pub struct Glb {
     lights: Vec<Value>,
     accessors: Vec<Value>,
     buffer_views: Vec<Value>,
+    samplers: Vec<Value>,
+    channels: Vec<Value>,
     binary: Vec<u8>,
     extensions: Vec<&'static str>,
 }
@@ -121,6 +123,18 @@ impl Glb {
         self.node("extensions", extension, json!({"translation": position.to_array(), "rotation": rotation}));
     }
 
+    /// Lets the root node that was added last follow the straight line between keys, in the file's one animation; `path` as glTF
+    /// names it, `values` of `kind` one for each time.
+    pub fn animate<T: bytemuck::NoUninit>(&mut self, path: &str, times: &[f32], kind: &str, values: &[T]) {
+        let input = self.vectors(times, "SCALAR");
+        self.accessors[input]["min"] = json!([times.iter().copied().fold(f32::INFINITY, f32::min)]);
+        self.accessors[input]["max"] = json!([times.iter().copied().fold(f32::NEG_INFINITY, f32::max)]);
+        let output = self.vectors(values, kind);
+        let sampler = push(&mut self.samplers, json!({"input": input, "output": output}));
+        let node = self.nodes.len().saturating_sub(1);
+        self.channels.push(json!({"sampler": sampler, "target": {"node": node, "path": path}}));
+    }
+
     /// States an extension that a material or texture reference uses.
     pub fn uses(&mut self, extension: &'static str) {
         if !self.extensions.contains(&extension) {
@@ -145,6 +159,9 @@ impl Glb {
         });
         if !self.lights.is_empty() {
             gltf["extensions"] = json!({"KHR_lights_punctual": {"lights": self.lights}});
+        }
+        if !self.channels.is_empty() {
+            gltf["animations"] = json!([{"name": "motion", "samplers": self.samplers, "channels": self.channels}]);
         }
         for (name, list) in [
             ("nodes", self.nodes),

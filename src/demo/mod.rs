@@ -5,6 +5,7 @@
 mod burdens;
 mod glb;
 mod materials;
+mod motion;
 mod shapes;
 mod still_life;
 mod stress;
@@ -12,6 +13,7 @@ mod studies;
 mod textures;
 
 pub use burdens::{Burden, Use, burdened, closed_room};
+pub use motion::motion;
 pub use still_life::still_life;
 pub use stress::{many_emitters, many_instances};
 pub use studies::{bumpy_sphere, furnace, light_box, material_grid, plane_and_point_light, surface_detail};
@@ -29,7 +31,7 @@ pub struct Demo {
 }
 
 /// Every scene that has a name.
-pub const DEMOS: [Demo; 11] = [
+pub const DEMOS: [Demo; 12] = [
     Demo { name: "still-life", description: "a vase, gold, stone, steel and two lamps on a table", make: still_life },
     Demo { name: "grid", description: "49 spheres: roughness across, metallic upwards", make: material_grid },
     Demo { name: "box", description: "an open box with coloured walls under a square lamp", make: light_box },
@@ -44,6 +46,11 @@ pub const DEMOS: [Demo; 11] = [
     Demo { name: "bumpy-160k", description: "the same of 159,048", make: || bumpy_sphere(141) },
     Demo { name: "bumpy-1m", description: "the same of 1,002,528", make: || bumpy_sphere(354) },
     Demo { name: "instances", description: "10,000 instances of five meshes", make: || many_instances(100) },
+    Demo {
+        name: "motion",
+        description: "a wheel that turns, a ball and a lamp that move: --set 'shutter={\"open\":0,\"close\":0.04}' --set time=0.5",
+        make: motion,
+    },
     Demo { name: "emitters", description: "1,024 small lamps over a floor", make: || many_emitters(32) },
 ];
 

@@ -171,6 +171,16 @@ impl Shape {
         self
     }
 
+    /// Adds the triangles of another shape, which must have the same attributes.
+    pub fn append(&mut self, other: &Self) {
+        let first = self.positions.len() as u32;
+        self.positions.extend(&other.positions);
+        self.normals.extend(&other.normals);
+        self.uvs.extend(&other.uvs);
+        self.colors.extend(&other.colors);
+        self.triangles.extend(other.triangles.iter().map(|triangle| triangle.map(|index| first + index)));
+    }
+
     /// The same with texture coordinates multiplied, so that textures repeat.
     pub fn tiled(mut self, u: f32, v: f32) -> Self {
         self.uvs.iter_mut().for_each(|uv| *uv *= Vec2::new(u, v));

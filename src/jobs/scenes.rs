@@ -37,6 +37,8 @@ struct Key {
     changes: Option<String>,
     /// Animation and time (its bits), if that animation moves any mesh.
     moment: Option<(usize, u64)>,
+    /// The shutter's opening, closing (their bits) and steps, where there is a moment.
+    shutter: Option<(u64, u64, u32)>,
 }
 
 impl Key {
@@ -125,12 +127,15 @@ impl StoredScene {
 
     fn key(&self, params: &RenderParams, moment: Option<Moment>) -> Key {
         let moves = |moment: &Moment| self.scene.animations.get(moment.animation).is_some_and(|a| a.moves_meshes);
+        let moment = moment.filter(moves);
+        let shutter = params.open_shutter().filter(|_| moment.is_some());
         let changed = !params.spheres.is_empty() || !params.overrides.is_empty();
         Key {
             changes: changed.then(|| serde_json::json!([params.spheres, params.overrides]).to_string()),
             scene: params.scene.or(self.scene.default_scene).unwrap_or(0),
             variant: params.variant.clone(),
-            moment: moment.filter(moves).map(|moment| (moment.animation, moment.time.to_bits())),
+            moment: moment.map(|moment| (moment.animation, moment.time.to_bits())),
+            shutter: shutter.map(|shutter| (shutter.open.to_bits(), shutter.close.to_bits(), shutter.steps)),
         }
     }
 
@@ -272,6 +277,9 @@ mod tests {
         assert!(Arc::ptr_eq(&rest, &compiled(r#"{"animation": 1, "time": 3}"#)), "it moves no mesh");
         assert!(!Arc::ptr_eq(&rest, &compiled(r#"{"time": 0}"#)));
         assert!(Arc::ptr_eq(&compiled(r#"{"time": 2}"#), &compiled(r#"{"animation": "walk", "time": 2}"#)));
+        let blurred = |close: u32| compiled(&format!(r#"{{"time": 2, "shutter": {{"open": 0, "close": {close}}}}}"#));
+        assert!(Arc::ptr_eq(&compiled(r#"{"time": 2}"#), &blurred(0)) && Arc::ptr_eq(&blurred(1), &blurred(1)));
+        assert!(!Arc::ptr_eq(&blurred(1), &blurred(2)));
         for time in 0..100 {
             compiled(&format!(r#"{{"time": {time}}}"#));
         }

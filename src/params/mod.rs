@@ -8,6 +8,7 @@ mod lights;
 mod parse;
 mod preview;
 mod query;
+mod shutter;
 mod strict;
 mod surfaces;
 mod validate;
@@ -19,6 +20,7 @@ pub use preview::{
     Attenuation, AttenuationKind, MAX_SHADOW_LIGHTS, PreviewParams, Shading, ShadingPath, ShadowAlgorithm, ShadowBias,
     ShadowHash, ShadowParams, SpotEdge,
 };
+pub use shutter::{MAX_STEPS, ShutterParams};
 pub use strict::{JsonError, json};
 pub use surfaces::{
     Axis, Maps, NormalParams, OverrideParams, ParallaxMethod, ParallaxParams, ReliefParams, SphereParams, TextureParams,
@@ -47,6 +49,8 @@ pub struct RenderParams {
     pub time: Option<f64>,
     /// Which animation of the file moves the scene; none: its first, if there is a `time`.
     pub animation: Option<AnimationChoice>,
+    /// How long light is collected, so that what moves is blurred; none: for no time at all.
+    pub shutter: Option<ShutterParams>,
     /// Where to look from; none: the scene's first camera, else automatic framing.
     pub camera: Option<CameraParams>,
     /// Lights added to those of the file.
@@ -100,6 +104,7 @@ impl Default for RenderParams {
             variant: None,
             time: None,
             animation: None,
+            shutter: None,
             camera: None,
             lights: Vec::new(),
             scene_lights: true,

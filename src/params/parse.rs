@@ -61,7 +61,7 @@ const LISTS: [(&str, &str, &[&str]); 3] = [
 const MAPS: [&str; 4] = ["texture", "height", "normal", "parallax"];
 
 /// Objects within the parameters, besides those of [`LISTS`].
-const OBJECTS: [&str; 11] = [
+const OBJECTS: [&str; 12] = [
     "/camera",
     "/camera/orbit",
     "/direct",
@@ -73,6 +73,7 @@ const OBJECTS: [&str; 11] = [
     "/preview/attenuation",
     "/preview/shadows",
     "/preview/shadows/bias",
+    "/shutter",
 ];
 
 /// Takes away lists in the place of objects, which serde would take for their fields in order, and notes each.

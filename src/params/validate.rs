@@ -2,6 +2,7 @@
 
 use super::lights;
 use super::preview;
+use super::shutter;
 use super::surfaces;
 use super::{
     CameraParams, EngineChoice, EnvironmentChoice, EnvironmentParams, Filter, ImageFormat, Mode, OrbitParams,
@@ -86,6 +87,9 @@ impl RenderParams {
                 format!("must lie between -{MAX_STOPS} and {MAX_STOPS} stops")
             });
             check.require(self.time.is_none_or(f64::is_finite), "time", || "must be finite".to_owned());
+            if let Some(shutter) = &self.shutter {
+                check.at("shutter", |check| shutter::check(check, shutter));
+            }
             check.at("filter", |check| check_filter(check, &self.filter));
             check.at("output", |check| check_output(check, &self.output));
             check.at("preview", |check| preview::check(check, &self.preview, self.width));

@@ -55,6 +55,8 @@ pub struct Settings {
     pub max_bounces: Option<u32>,
     /// Energy compensation of microfacets.
     pub multiple_scattering: bool,
+    /// Pieces of the way of what moves while the shutter is open; 0: it is open for no time.
+    pub pieces: u32,
     /// Seed of every random number.
     pub seed: u32,
     /// Samples per pixel to stop at, on the average of the picture.

@@ -42,34 +42,54 @@ pub fn prepare(
     defaults.extend(default_moment(scene, params));
     let mut warnings = scene.warnings.clone();
     warnings.extend(nothing_moves(scene, params));
+    warnings.extend(shutter_ignored(params));
     warnings.extend(blackness(&compiled, &lighting, features.unlit).or_else(|| nothing_in_view(&compiled, &view)));
     warnings.extend(beyond_glass(&features));
     let mut biases = params.biases();
     if params.mode == Mode::Preview && features.extended {
         biases.push("mode preview: extensions of materials (glass, coats, sheen, ...) are left out".to_owned());
     }
+    if params.mode == Mode::Direct && compiled.extended.iter().any(compile::Extended::scatters) {
+        biases.push("mode direct: light that is scattered inside of bodies is missing".to_owned());
+    }
     let work = Work { scene: compiled, lighting: Arc::new(lighting), view, features, settings: Settings::from(params) };
     Ok(Prepared { work, defaults, biases, warnings })
 }
 
 /// What of an animation and a time was given without the other.
-fn default_moment(scene: &Scene, params: &RenderParams) -> Option<DefaultTaken> {
-    let first = scene.animations.first()?;
+fn default_moment(scene: &Scene, params: &RenderParams) -> Vec<DefaultTaken> {
+    let shutter = params.open_shutter().is_some();
+    let Some(first) = scene.animations.first() else { return Vec::new() };
+    let animation = || {
+        let value = serde_json::json!({"index": 0, "name": first.name});
+        DefaultTaken { what: "animation".into(), value }
+    };
+    let time = || DefaultTaken { what: "time".into(), value: 0.0.into() };
     match (params.time, &params.animation) {
-        (Some(_), None) => {
-            let value = serde_json::json!({"index": 0, "name": first.name});
-            Some(DefaultTaken { what: "animation".into(), value })
-        }
-        (None, Some(_)) => Some(DefaultTaken { what: "time".into(), value: 0.0.into() }),
-        _ => None,
+        (Some(_), None) => vec![animation()],
+        (None, Some(_)) => vec![time()],
+        (None, None) if shutter => vec![animation(), time()],
+        _ => Vec::new(),
     }
 }
 
 fn nothing_moves(scene: &Scene, params: &RenderParams) -> Option<Warning> {
-    let detail = "the file has no animation; `time` changes nothing";
-    (params.time.is_some() && scene.animations.is_empty()).then(|| Warning {
+    let field = if params.time.is_some() { "time" } else { "shutter" };
+    let asked = params.time.is_some() || params.open_shutter().is_some();
+    (asked && scene.animations.is_empty()).then(|| Warning {
         code: "no_animation",
-        pointer: "/params/time".into(),
+        pointer: format!("/params/{field}"),
+        detail: format!("the file has no animation; `{field}` changes nothing"),
+    })
+}
+
+/// That a mode which draws one moment was asked for several.
+fn shutter_ignored(params: &RenderParams) -> Option<Warning> {
+    let open = params.shutter.is_some_and(|shutter| shutter.close > shutter.open);
+    let detail = "previews and direct light show the one moment `time`: ask for mode path to have motion blurred";
+    (open && params.mode != Mode::Path).then(|| Warning {
+        code: "shutter_ignored",
+        pointer: "/params/shutter".into(),
         detail: detail.into(),
     })
 }
@@ -121,6 +141,7 @@ impl From<&RenderParams> for Settings {
             strategy: Strategy::default(),
             max_bounces: params.max_bounces,
             multiple_scattering: params.multiple_scattering,
+            pieces: params.open_shutter().map_or(0, |shutter| shutter.steps),
             seed: params.seed,
             max_samples: if is_preview { params.preview.samples } else { params.max_samples },
             adaptive: params.adaptive && !is_preview,

@@ -1,11 +1,16 @@
 //! Where the nodes of a scene stand, and what they draw there.
 
 use super::deform::{self, Joints};
-use super::{Mesh, Node, Scene, SceneError};
+use super::{Mesh, Node, Primitive, Scene, SceneError, SceneErrorKind};
 use glam::DAffine3;
 use std::borrow::Cow;
 use std::cell::LazyCell;
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::sync::Arc;
+
+/// Most copies of meshes that move, times the moments at which they are looked at.
+const MOST_COPIES: usize = 1 << 22;
 
 /// A node of a scene.
 #[derive(Debug, Clone, Copy)]
@@ -70,29 +75,143 @@ impl Scene {
     /// A vertex is moved beyond all numbers.
     pub fn drawn(&self, index: usize) -> Result<Vec<Drawn<'_>>, SceneError> {
         let worlds = LazyCell::new(|| self.worlds());
-        let mut rigid: BTreeMap<usize, Vec<DAffine3>> = BTreeMap::new();
-        let mut moved = Vec::new();
+        let mut sorted = Sorted::default();
         for placed in self.placed(index) {
-            let Some(node) = self.nodes.get(placed.node) else { continue };
-            let Some((at, mesh)) = node.mesh.and_then(|at| Some((at, self.meshes.get(at)?))) else { continue };
-            let skin = node.skin.and_then(|skin| self.skins.get(skin)).filter(|_| mesh.is_skinned());
-            let place = || format!("/nodes/{}", placed.node);
-            if let Some(skin) = skin {
-                let joints = Joints::new(skin, &worlds, placed.world);
-                let (mesh, world) = deform::skinned(mesh, &node.weights, &joints).ok_or_else(|| beyond(place()))?;
-                moved.push(Drawn { mesh: Cow::Owned(mesh), worlds: vec![world] });
-            } else if mesh.is_morphed(&node.weights) {
-                let mesh = deform::morphed(mesh, &node.weights).ok_or_else(|| beyond(place()))?;
-                moved.push(Drawn { mesh: Cow::Owned(mesh), worlds: copies(node, &placed.world) });
-            } else {
-                rigid.entry(at).or_default().append(&mut copies(node, &placed.world));
+            if let Some(piece) = self.piece(&placed, &|| &worlds)? {
+                sorted.add(piece);
             }
         }
-        let rigid = rigid
-            .into_iter()
-            .filter_map(|(at, worlds)| self.meshes.get(at).map(|mesh| Drawn { mesh: Cow::Borrowed(mesh), worlds }));
-        Ok(rigid.chain(moved).collect())
+        Ok(sorted.into_drawn())
     }
+
+    /// What a node draws; `worlds` are those of all nodes.
+    fn piece<'w>(&self, placed: &Placed, worlds: &dyn Fn() -> &'w [DAffine3]) -> Result<Option<Piece<'_>>, SceneError> {
+        let Some(node) = self.nodes.get(placed.node) else { return Ok(None) };
+        let Some((at, mesh)) = node.mesh.and_then(|at| Some((at, self.meshes.get(at)?))) else { return Ok(None) };
+        let skin = node.skin.and_then(|skin| self.skins.get(skin)).filter(|_| mesh.is_skinned());
+        let place = || format!("/nodes/{}", placed.node);
+        let piece = |file, mesh, worlds| Ok(Some(Piece { file, drawn: Drawn { mesh, worlds } }));
+        if let Some(skin) = skin {
+            let joints = Joints::new(skin, worlds(), placed.world);
+            let (mesh, world) = deform::skinned(mesh, &node.weights, &joints).ok_or_else(|| beyond(place()))?;
+            piece(None, Cow::Owned(mesh), vec![world])
+        } else if mesh.is_morphed(&node.weights) {
+            let mesh = deform::morphed(mesh, &node.weights).ok_or_else(|| beyond(place()))?;
+            piece(None, Cow::Owned(mesh), copies(node, &placed.world))
+        } else {
+            piece(Some(at), Cow::Borrowed(mesh), copies(node, &placed.world))
+        }
+    }
+}
+
+/// What a node draws.
+struct Piece<'a> {
+    /// Index into [`Scene::meshes`] of a mesh whose vertices nothing moves.
+    file: Option<usize>,
+    drawn: Drawn<'a>,
+}
+
+/// Pieces by mesh.
+#[derive(Default)]
+struct Sorted<'a> {
+    rigid: BTreeMap<usize, Drawn<'a>>,
+    deformed: Vec<Drawn<'a>>,
+}
+
+impl<'a> Sorted<'a> {
+    fn add(&mut self, piece: Piece<'a>) {
+        let Piece { file, mut drawn } = piece;
+        match file.map(|file| self.rigid.entry(file)) {
+            None => self.deformed.push(drawn),
+            Some(Entry::Vacant(entry)) => _ = entry.insert(drawn),
+            Some(Entry::Occupied(mut entry)) => entry.get_mut().worlds.append(&mut drawn.worlds),
+        }
+    }
+
+    /// Meshes of the file in its order, then those that skins and morph targets move.
+    fn into_drawn(self) -> Vec<Drawn<'a>> {
+        self.rigid.into_values().chain(self.deformed).collect()
+    }
+}
+
+/// What a scene draws while time passes.
+#[derive(Debug, Default)]
+pub struct DrawnOver<'a> {
+    /// What stays as it is.
+    pub still: Vec<Drawn<'a>>,
+    /// What does not.
+    pub moving: Vec<Moving<'a>>,
+}
+
+/// A mesh at one place, at each of several moments: the same triangles over vertices that move.
+#[derive(Debug)]
+pub struct Moving<'a> {
+    /// By moment the mesh, and object to world.
+    pub steps: Vec<(Arc<Cow<'a, Mesh>>, DAffine3)>,
+}
+
+impl<'a> DrawnOver<'a> {
+    /// What scene `index` draws at several moments; `poses` are copies of one scene by [`Scene::at`].
+    ///
+    /// # Errors
+    /// A vertex is moved beyond all numbers.
+    pub fn new(poses: &'a [Scene], index: usize) -> Result<Self, SceneError> {
+        let places: Vec<Vec<Placed>> = poses.iter().map(|pose| pose.placed(index)).collect();
+        let worlds: Vec<_> = poses.iter().map(|pose| LazyCell::new(|| pose.worlds())).collect();
+        let (mut sorted, mut moving) = (Sorted::default(), Vec::new());
+        for node in 0..places.first().map_or(0, Vec::len) {
+            let at = |((pose, places), worlds): ((&'a Scene, &Vec<Placed>), &LazyCell<Vec<DAffine3>, _>)| {
+                places.get(node).map_or(Ok(None), |placed| pose.piece(placed, &|| worlds))
+            };
+            let pieces: Option<Vec<Piece<'a>>> =
+                poses.iter().zip(&places).zip(&worlds).map(at).collect::<Result<_, SceneError>>()?;
+            let Some(mut pieces) = pieces else { continue };
+            if pieces.windows(2).all(|pair| stands_still(&pair[0].drawn, &pair[1].drawn)) {
+                pieces.drain(..).take(1).for_each(|piece| sorted.add(piece));
+            } else {
+                let copies = pieces.iter().map(|piece| piece.drawn.worlds.len()).max().unwrap_or(0);
+                check_copies((moving.len() + copies) * poses.len())?;
+                moving.extend(over_time(pieces));
+            }
+        }
+        Ok(Self { still: sorted.into_drawn(), moving })
+    }
+}
+
+/// Whether nothing has moved from one moment to the next.
+fn stands_still(before: &Drawn, after: &Drawn) -> bool {
+    let same_shape = |before: &Mesh, after: &Mesh| {
+        let same = |(before, after): (&Primitive, &Primitive)| {
+            before.positions == after.positions && before.normals == after.normals && before.tangents == after.tangents
+        };
+        before.primitives.iter().zip(&after.primitives).all(same)
+    };
+    let same_mesh = match (&before.mesh, &after.mesh) {
+        (Cow::Borrowed(before), Cow::Borrowed(after)) if std::ptr::eq(*before, *after) => true,
+        (before, after) => same_shape(before, after),
+    };
+    same_mesh && before.worlds == after.worlds
+}
+
+/// Refuses more copies of meshes over time than could be stored.
+fn check_copies(copies: usize) -> Result<(), SceneError> {
+    if copies <= MOST_COPIES {
+        return Ok(());
+    }
+    let detail = format!(
+        "the scene has {copies} copies of meshes that move while the shutter is open, each moment counted; at most {MOST_COPIES} are \
+         supported: give the shutter fewer steps, or leave it out"
+    );
+    let (kind, pointer) = (SceneErrorKind::TooLarge, "/nodes".into());
+    Err(SceneError { kind, code: "scene_too_large", pointer, detail })
+}
+
+/// Each of a node's copies over time.
+fn over_time(pieces: Vec<Piece<'_>>) -> Vec<Moving<'_>> {
+    let copies = pieces.iter().map(|piece| piece.drawn.worlds.len()).min().unwrap_or(0);
+    let steps: Vec<_> = pieces.into_iter().map(|piece| (Arc::new(piece.drawn.mesh), piece.drawn.worlds)).collect();
+    let copy = |copy: usize| steps.iter().map(|(mesh, worlds)| (Arc::clone(mesh), worlds[copy])).collect();
+    (0..copies).map(|index| Moving { steps: copy(index) }).collect()
 }
 
 /// Where a node draws its mesh: at its own place, or at those of EXT_mesh_gpu_instancing relative to it.
@@ -108,6 +227,7 @@ fn beyond(place: String) -> SceneError {
 
 #[cfg(test)]
 mod tests {
+    use super::{DrawnOver, MOST_COPIES, check_copies};
     use crate::scene::import::testing::{Builder, scene_of};
     use crate::scene::{Drawn, Moment, Scene};
     use glam::{DAffine3, DQuat, DVec3, Vec3};
@@ -210,6 +330,33 @@ mod tests {
             {"name": "camera", "samplers": [sampler(shift)], "channels": [channel(0, 1, "translation")]},
         ]);
         scene_of(&builder)
+    }
+
+    #[test]
+    fn what_moves_is_told_from_what_stands_still() {
+        let scene = animated();
+        let poses = |animation| -> Vec<Scene> {
+            [1.0, 2.0, 3.0].map(|time| scene.at(Some(Moment { animation, time }))).to_vec()
+        };
+        let (turning, resting) = (poses(0), poses(1));
+        let drawn = DrawnOver::new(&turning, 0).unwrap();
+        assert_eq!((drawn.still.len(), drawn.moving.len()), (0, 1));
+        // As each pose by itself.
+        for (pose, (mesh, world)) in turning.iter().zip(&drawn.moving[0].steps) {
+            let alone = pose.drawn(0).unwrap();
+            let moved: Vec<DVec3> =
+                mesh.primitives[0].positions.iter().map(|p| world.transform_point3(p.as_dvec3())).collect();
+            assert_eq!(moved, only(&alone).0);
+        }
+        let drawn = DrawnOver::new(&resting, 0).unwrap();
+        assert_eq!((drawn.still.len(), drawn.moving.len()), (1, 0), "the camera alone moves");
+        assert_eq!(drawn.still[0].worlds, resting[0].drawn(0).unwrap()[0].worlds);
+    }
+
+    #[test]
+    fn too_many_copies_are_refused() {
+        assert!(check_copies(MOST_COPIES).is_ok());
+        assert_eq!(check_copies(MOST_COPIES + 1).unwrap_err().code, "scene_too_large");
     }
 
     #[test]

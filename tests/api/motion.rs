@@ -90,3 +90,36 @@ fn faults_name_their_field() {
     assert_eq!(refused.json()["errors"][0]["pointer"], "/params/animation", "{refused:?}");
     assert!(refused.json()["errors"][0]["detail"].as_str().expect("text").contains("the index or the name"));
 }
+
+#[test]
+fn a_shutter_takes_time_and_says_where_it_cannot() {
+    let server = Server::start();
+    let scene = server.post("/v1/scenes", "model/gltf-binary", &sliding()).json()["id"].clone();
+    let scene = scene.as_str().expect("an id");
+    let report = |more: Value| {
+        let job = server.wait_for(&server.begin(scene, &params(&more)), &["succeeded", "failed"]);
+        assert_eq!(job["state"], "succeeded", "{job}");
+        job["report"].clone()
+    };
+    let codes = |report: &Value| -> Vec<String> {
+        let warnings = report["warnings"].as_array().expect("a list");
+        warnings.iter().filter_map(|warning| warning["code"].as_str().map(str::to_owned)).collect()
+    };
+    let shutter = json!({"open": -0.1, "close": 0.1});
+    let blurred = report(json!({"time": 0.5, "shutter": shutter}));
+    assert!(!codes(&blurred).contains(&"shutter_ignored".to_owned()), "{blurred}");
+    let taken = report(json!({"shutter": shutter}));
+    let named = |what: &str| taken["defaults"].as_array().expect("a list").iter().any(|d| d["what"] == what);
+    assert!(named("animation") && named("time"), "{taken}");
+    let direct = report(json!({"time": 0.5, "shutter": shutter, "mode": "direct"}));
+    assert!(codes(&direct).contains(&"shutter_ignored".to_owned()), "{direct}");
+    for (shutter, pointer) in [
+        (json!({"open": 1, "close": 0}), "/params/shutter/close"),
+        (json!({"open": 0, "close": 1, "steps": 99}), "/params/shutter/steps"),
+        (json!({"open": 0}), "/params/shutter"),
+        (json!({"open": 0, "close": 1, "angle": 180}), "/params/shutter/angle"),
+    ] {
+        let refused = server.post_json("/v1/jobs", &json!({"scene": scene, "params": {"shutter": shutter}}));
+        assert_eq!((refused.status, &refused.json()["errors"][0]["pointer"]), (422, &json!(pointer)), "{refused:?}");
+    }
+}

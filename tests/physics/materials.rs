@@ -1,6 +1,6 @@
 //! Extensions of materials in scenes whose radiance is known.
 
-use crate::support::{assert_near, grey, mean, params, render, scene, sphere, square, work};
+use crate::support::{assert_near, grey, mean, params, render, scene, slab, sphere, square, work};
 use candela::params::{EngineChoice, RenderParams};
 use candela::render::Work;
 use candela::scene::{Extended, Material, Primitive, Scene, Volume};
@@ -136,20 +136,6 @@ fn index_of_one_is_invisible(engine: EngineChoice) {
             }
         }
     }
-}
-
-/// A closed box between two heights, seen from above.
-fn slab(half: f32, low: f32, high: f32) -> Primitive {
-    let mut slab = Primitive::default();
-    for y in [low, high] {
-        slab.positions
-            .extend([(-half, half), (half, half), (half, -half), (-half, -half)].map(|(x, z)| Vec3::new(x, y, z)));
-    }
-    slab.triangles = vec![[4, 5, 6], [4, 6, 7], [0, 2, 1], [0, 3, 2]];
-    for [a, b] in [[0, 1], [1, 2], [2, 3], [3, 0]] {
-        slab.triangles.extend([[a, b, b + 4], [a, b + 4, a + 4]]);
-    }
-    slab
 }
 
 /// A lamp that fills what is seen through a slab, with nothing but black above.

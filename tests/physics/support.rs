@@ -50,6 +50,20 @@ pub fn square(half: f32) -> Primitive {
     }
 }
 
+/// A closed box between two heights, seen from above.
+pub fn slab(half: f32, low: f32, high: f32) -> Primitive {
+    let mut slab = Primitive::default();
+    for y in [low, high] {
+        slab.positions
+            .extend([(-half, half), (half, half), (half, -half), (-half, -half)].map(|(x, z)| Vec3::new(x, y, z)));
+    }
+    slab.triangles = vec![[4, 5, 6], [4, 6, 7], [0, 2, 1], [0, 3, 2]];
+    for [a, b] in [[0, 1], [1, 2], [2, 3], [3, 0]] {
+        slab.triangles.extend([[a, b, b + 4], [a, b + 4, a + 4]]);
+    }
+    slab
+}
+
 /// A unit sphere with smooth normals.
 pub fn sphere(rings: u32) -> Primitive {
     let mut primitive = Primitive::default();

@@ -5,8 +5,8 @@ import { SelectField, SliderField } from "./fields.js";
 const REST = "rest";
 
 export class MotionPanel {
-  /** `time` in seconds of `animation`, an index; both null: the scene as the file stores it. */
-  motion = { time: null, animation: null };
+  /** `time` in seconds of `animation`, an index; both null: the scene as the file stores it. `shutter`: open around that time. */
+  motion = { time: null, animation: null, shutter: null };
 
   /** `section` holds `element`; `onChange(live)`. */
   constructor(section, element, onChange) {
@@ -18,7 +18,7 @@ export class MotionPanel {
   /** Begins with a scene at rest. */
   open({ animations }) {
     this.animations = animations;
-    this.motion = { time: null, animation: null };
+    this.motion = { time: null, animation: null, shutter: null };
     this.section.hidden = animations.length === 0;
     const named = animations.map(({ name }, i) => [String(i), name ?? `Animation ${i + 1}`]);
     const options = [[REST, "None (at rest)"], ...named];
@@ -30,7 +30,7 @@ export class MotionPanel {
   #choose(value) {
     const animation = value === REST ? null : Number(value);
     const { start_seconds: min, end_seconds: max } = this.animations[animation] ?? {};
-    this.motion = { time: animation === null ? null : min, animation };
+    this.motion = { time: animation === null ? null : min, animation, shutter: null };
     const fields = [this.choice];
     if (animation !== null && max > min) {
       const range = { value: min, min, max, unit: "s" };
@@ -39,7 +39,13 @@ export class MotionPanel {
         this.onChange(live);
       });
       time.element.dataset.setting = "time";
-      fields.push(time);
+      const shutter = new SliderField("Shutter", { value: 0, min: 0, max: 0.1, unit: "s" }, (seconds, live) => {
+        const open = { open: -seconds / 2, close: seconds / 2 };
+        this.motion = { ...this.motion, shutter: seconds > 0 ? open : null };
+        this.onChange(live);
+      });
+      shutter.element.dataset.setting = "shutter";
+      fields.push(time, shutter);
     }
     this.element.replaceChildren(...fields.map(({ element }) => element));
     this.onChange(false);

@@ -1,11 +1,12 @@
 //! Camera rays through a place in the pixel that is drawn from its filter.
 
 use super::bvh::{Ray, TriangleId};
+use super::motion::Moment;
 use super::sampler::{Dimension, Sampler};
 use super::sampling::{concentric_disk, uniform_triangle};
 use crate::compile::{Lens, View};
 use crate::params::FilterKind;
-use glam::{DAffine3, DMat3, DVec2, DVec3};
+use glam::{DAffine3, DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
 /// Steps of a filter's tabulated inverse distribution function.
@@ -14,6 +15,8 @@ const STEPS: usize = 1024;
 /// A view, ready to draw rays from.
 #[derive(Debug)]
 pub struct Camera {
+    view: View,
+    /// Of a camera that stands still.
     to_world: DAffine3,
     lens: Lens,
     size: DVec2,
@@ -24,19 +27,18 @@ pub struct Camera {
 impl Camera {
     /// Of a view.
     pub fn new(view: &View) -> Self {
-        let (m, t) = (view.to_world.matrix3, view.to_world.translation);
-        let matrix3 = DMat3::from_cols(m.x_axis.as_dvec3(), m.y_axis.as_dvec3(), m.z_axis.as_dvec3());
         let radius = f64::from(view.filter.radius());
         Self {
-            to_world: DAffine3 { matrix3, translation: t.as_dvec3() },
+            to_world: Moment::OPEN.camera(&View { way: Vec::new(), ..view.clone() }),
+            view: view.clone(),
             lens: view.lens,
             size: DVec2::new(f64::from(view.width), f64::from(view.height)),
             filter: inverse_distribution(view.filter.kind).iter().map(|x| x * radius).collect(),
         }
     }
 
-    /// A ray through a pixel.
-    pub fn ray(&self, x: u32, y: u32, sampler: &Sampler) -> Ray {
+    /// A ray through a pixel at a moment.
+    pub fn ray(&self, x: u32, y: u32, moment: Moment, sampler: &Sampler) -> Ray {
         let u = sampler.pair(Dimension::Filter);
         let raster = DVec2::new(f64::from(x), f64::from(y)) + 0.5 + DVec2::new(self.offset(u[0]), self.offset(u[1]));
         // Half the picture's height is 1, y points up.
@@ -54,10 +56,11 @@ impl Camera {
                 }
             }
         };
-        let direction = self.to_world.transform_vector3(direction).normalize();
+        let to_world = if self.view.way.is_empty() { self.to_world } else { moment.camera(&self.view) };
         Ray {
-            origin: self.to_world.transform_point3(origin),
-            direction,
+            origin: to_world.transform_point3(origin),
+            direction: to_world.transform_vector3(direction).normalize(),
+            moment,
             t_max: f64::INFINITY,
             ends: [TriangleId::NONE; 2],
         }

@@ -3,13 +3,14 @@
 use super::bvh::{Bvh, Hit, Ray, TriangleId};
 use super::camera::Camera;
 use super::environment;
-use super::layers::{self, Crossing, Layered, Media, Reflection, media};
+use super::layers::{self, Crossing, Layered, Media, Reflection, media, scatter};
 use super::light::{self, LightSampler};
 use super::light_tree::Receiver;
 use super::material::{Bsdf, Model};
+use super::motion::Moment;
 use super::phong::Phong;
 use super::sampler::{Dimension, Sampler};
-use super::surface::{Surface, coverage};
+use super::surface::{Place, Surface, area, coverage};
 use crate::compile::{ANY_FACING, Extended, Material};
 use crate::params::Mode;
 use crate::render::Work;
@@ -19,6 +20,8 @@ use glam::{DMat3, DVec3, DVec4};
 const ROULETTE_START: u32 = 3;
 /// Most probable survival.
 const ROULETTE_MOST: f64 = 0.95;
+/// The same within a medium, where walks are long.
+const ROULETTE_MOST_WITHIN: f64 = 0.999;
 
 /// Thin walls that light comes through; behind more it is dark.
 const MOST_WALLS: u32 = 1000;
@@ -89,7 +92,11 @@ impl Integrator {
 
     /// Radiance (premultiplied) and coverage of one sample of a pixel.
     pub fn sample(&self, x: u32, y: u32, sampler: &Sampler) -> DVec4 {
-        let ray = self.camera.ray(x, y, sampler);
+        let moment = match self.work.features.motion {
+            true => Moment::draw(self.work.settings.pieces, sampler),
+            false => Moment::OPEN,
+        };
+        let ray = self.camera.ray(x, y, moment, sampler);
         let mut path = Path {
             ray,
             throughput: DVec3::ONE,
@@ -122,7 +129,7 @@ impl Integrator {
                 path.lit |= met != DVec3::ZERO;
             }
             let Some(hit) = hit else { break };
-            let surface = Surface::new(&self.work.scene, &hit, path.ray.direction);
+            let surface = Surface::new(&self.work.scene, &hit, path.ray.direction, path.ray.moment);
             if !path.seen && surface.back && surface.material.flags & (Material::DOUBLE_SIDED | Material::FILLED) == 0 {
                 // The camera does not see the backs of one-sided surfaces (glTF 2.0, 3.9.6).
                 path.ray.origin = surface.leave(path.ray.direction);
@@ -144,7 +151,19 @@ impl Integrator {
         if self.work.features.volume {
             let filled = surface.material.flags & Material::FILLED != 0;
             let left = (surface.back && filled).then(|| media::id(surface.material));
-            path.throughput *= path.media.transmittance(&self.work.scene, left, hit.t);
+            if path.throughput == DVec3::ZERO {
+                return false;
+            }
+            if let Some(medium) = path.media.scattering(&self.work.scene, left).filter(|_| self.work.features.scatter) {
+                let flight = scatter::fly(medium, path.throughput, hit.t, sampler.pair(Dimension::Flight(path.bounce)));
+                path.throughput *= flight.weight;
+                if let Some(distance) = flight.scattered_at {
+                    path.media = path.media.within(left);
+                    return self.scatter_within(path, medium, distance, sampler);
+                }
+            } else {
+                path.throughput *= path.media.transmittance(&self.work.scene, left, hit.t);
+            }
         }
         if surface.material.flags & Material::UNLIT != 0 {
             path.radiance += path.throughput * surface.base_color().truncate();
@@ -157,6 +176,51 @@ impl Integrator {
         let vertex = self.vertex(surface, path, sampler);
         path.radiance += path.throughput * self.direct_light(&vertex, sampler);
         self.scatter(&vertex, path, hit.t, sampler)
+    }
+
+    /// Scatters the path inside of what it is in, after a distance; false: it ends.
+    #[inline(never)]
+    fn scatter_within(&self, path: &mut Path, medium: &Extended, distance: f64, sampler: &Sampler) -> bool {
+        if path.bounce >= self.work.settings.max_bounces.unwrap_or(u32::MAX) {
+            return false;
+        }
+        let (g, moment) = (f64::from(medium.scatter_anisotropy), path.ray.moment);
+        let place = Place::within(path.ray.origin + distance * path.ray.direction, moment);
+        path.radiance += path.throughput * self.light_within(path, &place, g, sampler);
+        let direction = scatter::sample_phase(g, path.ray.direction, sampler.pair(Dimension::Lobe(path.bounce)));
+        path.pdf = Some(scatter::phase(g, direction.dot(path.ray.direction)));
+        (path.drawn_at, path.passed, path.facing) = (Receiver::of(&place), 0.0, ANY_FACING);
+        let [_, survival] = sampler.pair(Dimension::Choice(path.bounce));
+        path.bounce += 1;
+        path.ray = Ray { origin: place.position, direction, t_max: f64::INFINITY, ends: [TriangleId::NONE; 2], moment };
+        self.survives(path, survival, ROULETTE_MOST_WITHIN)
+    }
+
+    /// Light that arrives straight at a place in a medium, by one sample, scattered into the path's way.
+    fn light_within(&self, path: &Path, place: &Place, g: f64, sampler: &Sampler) -> DVec3 {
+        let Some(light) = self.light_sample(place, ANY_FACING, path.bounce, sampler) else { return DVec3::ZERO };
+        if light.weight.max_element() <= 0.0 {
+            return DVec3::ZERO;
+        }
+        let phase = scatter::phase(g, light.direction.normalize().dot(path.ray.direction));
+        let contribution = light.weight * phase * light.pdf.map_or(1.0, |taken| self.sampled_weight(taken, phase));
+        if contribution.max_element() <= 0.0 {
+            return DVec3::ZERO;
+        }
+        let ends = [TriangleId::NONE, light.end];
+        let (direction, moment) = (light.direction, place.moment);
+        let ray = Ray { origin: light.origin, direction, t_max: light.t_max, ends, moment };
+        contribution * self.transmittance(path.media, path.bounce, ray, sampler)
+    }
+
+    /// Whether a path that dims goes on; it is brighter then.
+    fn survives(&self, path: &mut Path, chance: f64, most: f64) -> bool {
+        if !self.work.settings.strategy.roulette || path.bounce < ROULETTE_START {
+            return true;
+        }
+        let probability = path.throughput.max_element().min(most);
+        path.throughput *= probability.recip();
+        chance < probability
     }
 
     fn vertex<'a>(&self, surface: &'a Surface, path: &mut Path, sampler: &Sampler) -> Vertex<'a> {
@@ -230,22 +294,19 @@ impl Integrator {
             Reflection::Layered(layered) if layered.is_straight(scattered.wi) => path.passed += distance,
             _ => {
                 (path.pdf, path.passed, path.facing) = (scattered.pdf, 0.0, self.facing(vertex));
-                path.drawn_at = Receiver::of(vertex.surface);
+                path.drawn_at = Receiver::of(&vertex.surface.place());
             }
         }
         if let Some(crossing) = vertex.crossing.as_ref().filter(|_| scattered.wi.z < 0.0) {
             path.media = crossing.beyond;
         }
         path.bounce += 1;
-        if self.work.settings.strategy.roulette && path.bounce >= ROULETTE_START {
-            let probability = path.throughput.max_element().min(ROULETTE_MOST);
-            if survival >= probability {
-                return false;
-            }
-            path.throughput *= probability.recip();
+        if !self.survives(path, survival, ROULETTE_MOST) {
+            return false;
         }
         let ends = [vertex.surface.primitive, TriangleId::NONE];
-        path.ray = Ray { origin: vertex.surface.leave(direction), direction, t_max: f64::INFINITY, ends };
+        let (origin, moment) = (vertex.surface.leave(direction), path.ray.moment);
+        path.ray = Ray { origin, direction, t_max: f64::INFINITY, ends, moment };
         true
     }
 
@@ -258,7 +319,8 @@ impl Integrator {
         let probability = self.lights.of_emitter(emitter, &path.drawn_at) * (1.0 - self.environment_share());
         let (cosine, distance) = (path.ray.direction.dot(surface.geometric_normal), path.passed + hit.t);
         let pick = &lighting.picks[lighting.lights.len() + emitter];
-        radiance * self.scattered_weight(pdf, light::emitter_pdf(pick, probability, distance * distance, cosine))
+        let area = area(&self.work.scene, pick.triangle, pick.area, path.ray.moment);
+        radiance * self.scattered_weight(pdf, light::emitter_pdf(area, probability, distance * distance, cosine))
     }
 
     /// Light from infinity that a scattered path has come upon.
@@ -279,7 +341,9 @@ impl Integrator {
             Mode::Direct => self.work.lighting.environment.ambient.as_dvec3() * vertex.bsdf.albedo(),
             Mode::Path | Mode::Preview => DVec3::ZERO,
         };
-        let Some(light) = self.light_sample(vertex, sampler) else { return ambient };
+        let place = vertex.surface.place();
+        let sample = self.light_sample(&place, self.facing(vertex), vertex.bounce, sampler);
+        let Some(light) = sample else { return ambient };
         let above = light.direction.dot(vertex.surface.geometric_normal);
         if above <= 0.0 && vertex.bsdf.is_opaque() || light.weight.max_element() <= 0.0 {
             return ambient;
@@ -295,9 +359,12 @@ impl Integrator {
             return ambient;
         }
         let ends = [vertex.surface.primitive, light.end];
-        let ray = Ray { origin: light.origin, direction: light.direction, t_max: light.t_max, ends };
+        let (direction, moment) = (light.direction, place.moment);
+        let ray = Ray { origin: light.origin, direction, t_max: light.t_max, ends, moment };
         if self.work.features.thin || self.work.features.volume {
-            return ambient + contribution * self.transmittance(vertex, wi, ray, sampler);
+            let beyond = vertex.crossing.as_ref().filter(|_| wi.z < 0.0).map(|crossing| crossing.beyond);
+            let media = beyond.unwrap_or(vertex.media);
+            return ambient + contribution * self.transmittance(media, vertex.bounce, ray, sampler);
         }
         let blocked = self.bvh.occluded(&ray, |hit| self.stops(hit, RayKind::Shadow, vertex.bounce, sampler));
         if blocked { ambient } else { ambient + contribution }
@@ -305,18 +372,16 @@ impl Integrator {
 
     /// Part of the light that comes through along a shadow ray, past thin and smooth walls and what the ray is in.
     #[inline(never)]
-    fn transmittance(&self, vertex: &Vertex, wi: DVec3, mut ray: Ray, sampler: &Sampler) -> DVec3 {
-        let beyond = vertex.crossing.as_ref().filter(|_| wi.z < 0.0).map(|crossing| crossing.beyond);
-        let media = beyond.unwrap_or(vertex.media);
+    fn transmittance(&self, media: Media, bounce: u32, mut ray: Ray, sampler: &Sampler) -> DVec3 {
         let end = ray.origin + ray.direction * ray.t_max;
         let mut part = DVec3::ONE;
         for _ in 0..MOST_WALLS {
-            let hit = self.bvh.closest(&ray, |hit| self.stops(hit, RayKind::Shadow, vertex.bounce, sampler));
+            let hit = self.bvh.closest(&ray, |hit| self.stops(hit, RayKind::Shadow, bounce, sampler));
             let distance = hit.as_ref().map_or(ray.t_max, |hit| hit.t) * ray.direction.length();
             part *= media.transmittance(&self.work.scene, None, distance);
             let Some(hit) = hit else { return part };
             let direction = ray.direction.normalize();
-            let surface = Surface::new(&self.work.scene, &hit, direction);
+            let surface = Surface::new(&self.work.scene, &hit, direction, ray.moment);
             part *= self.straight(&surface, direction);
             if part == DVec3::ZERO {
                 return part;

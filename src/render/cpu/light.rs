@@ -4,7 +4,7 @@ use super::bvh::TriangleId;
 use super::extended_light::Shape;
 use super::light_tree::{Receiver, Tree};
 use super::sampling::uniform_triangle;
-use super::surface::{Place, Surface, emitted_at, material};
+use super::surface::{Place, area, emitted_at, material};
 use crate::compile::{CompiledScene, LightPick, Lighting, Material, PunctualKind, PunctualLight};
 use crate::render::Work;
 use glam::DVec3;
@@ -114,12 +114,12 @@ impl LightSampler {
 }
 
 /// Light from a punctual light.
-pub fn from_punctual(light: &PunctualLight, surface: &Surface) -> LightSample {
+pub fn from_punctual(light: &PunctualLight, at: &Place) -> LightSample {
     let intensity = DVec3::from(light.intensity.map(f64::from));
     let axis = DVec3::from(light.direction.map(f64::from));
     if light.kind == PunctualKind::Directional as u32 {
         let direction = -axis;
-        let origin = surface.leave(direction);
+        let origin = at.leave(direction);
         return LightSample {
             origin,
             direction,
@@ -130,7 +130,7 @@ pub fn from_punctual(light: &PunctualLight, surface: &Surface) -> LightSample {
         };
     }
     let position = DVec3::from(light.position.map(f64::from));
-    let origin = surface.leave(position - surface.position);
+    let origin = at.leave(position - at.position);
     let direction = position - origin;
     let distance2 = direction.length_squared();
     let cosine = -axis.dot(direction) / distance2.sqrt();
@@ -146,11 +146,11 @@ pub fn from_punctual(light: &PunctualLight, surface: &Surface) -> LightSample {
 }
 
 /// Light from a place on a light with an extent; `probability` is that of the light. None: it does not shine here.
-pub fn from_extended(light: &PunctualLight, probability: f64, surface: &Surface, u: [f64; 2]) -> Option<LightSample> {
-    let found = Shape::new(light).sample(surface.position, u)?;
+pub fn from_extended(light: &PunctualLight, probability: f64, at: &Place, u: [f64; 2]) -> Option<LightSample> {
+    let found = Shape::new(light).sample(at.position, u)?;
     let pdf = found.pdf * probability;
     Some(LightSample {
-        origin: surface.leave(found.direction),
+        origin: at.leave(found.direction),
         direction: found.direction,
         t_max: found.distance,
         weight: radiance(light) / pdf,
@@ -170,33 +170,28 @@ pub fn radiance(light: &PunctualLight) -> DVec3 {
 }
 
 /// Light from a uniform place on an emitting triangle; `probability` is that of the triangle.
-pub fn from_emitter(
-    scene: &CompiledScene,
-    pick: &LightPick,
-    probability: f64,
-    surface: &Surface,
-    u: [f64; 2],
-) -> LightSample {
+pub fn from_emitter(scene: &CompiledScene, pick: &LightPick, probability: f64, at: &Place, u: [f64; 2]) -> LightSample {
     let triangle = &scene.triangles[pick.triangle as usize];
     let weights = uniform_triangle(u);
-    let place = Place::new(scene, triangle, &scene.instances[pick.index as usize], weights);
-    let away = surface.position - place.position;
-    let origin = surface.leave(-away);
+    let end = TriangleId { triangle: pick.triangle, instance: pick.index };
+    let place = Place::new(scene, end, weights, at.moment);
+    let away = at.position - place.position;
+    let origin = at.leave(-away);
     let direction = place.leave(away) - origin;
     let distance2 = direction.length_squared();
     let cosine = -direction.dot(place.normal) / distance2.sqrt();
     let shines = cosine > 0.0 || material(scene, triangle).flags & Material::DOUBLE_SIDED != 0;
-    let pdf = emitter_pdf(pick, probability, distance2, cosine);
+    let area = area(scene, pick.triangle, pick.area, at.moment);
+    let pdf = emitter_pdf(area, probability, distance2, cosine);
     let visible = shines && pdf > 0.0;
     let radiance = || emitted_at(scene, pick.triangle, weights, cosine) * pdf.recip();
     let weight = if visible { radiance() } else { DVec3::ZERO };
-    let end = TriangleId { triangle: pick.triangle, instance: pick.index };
     LightSample { origin, direction, t_max: 1.0, weight, end, pdf: Some(pdf) }
 }
 
-/// Density over solid angle of a place on an emitting triangle that is seen at this distance and angle; 0 from its edge.
-pub fn emitter_pdf(pick: &LightPick, probability: f64, distance2: f64, cosine: f64) -> f64 {
-    if cosine == 0.0 { 0.0 } else { probability * distance2 / (f64::from(pick.area) * cosine.abs()) }
+/// Density over solid angle of a place on an emitting triangle of this area that is seen at this distance and angle; 0 from its edge.
+pub fn emitter_pdf(area: f64, probability: f64, distance2: f64, cosine: f64) -> f64 {
+    if cosine == 0.0 { 0.0 } else { probability * distance2 / (area * cosine.abs()) }
 }
 
 /// KHR_lights_punctual, "Range Property".

@@ -8,6 +8,7 @@ use super::light::{self, LightSample};
 use super::light_tree::Receiver;
 use super::sampler::{Dimension, Sampler};
 use super::sampling::power_heuristic;
+use super::surface::Place;
 use crate::compile::{ANY_FACING, EnvironmentKind, Features, Hdri, PunctualLight};
 use crate::params::Mode;
 use crate::render::Strategy;
@@ -34,40 +35,48 @@ impl Integrator {
         }
     }
 
-    pub(super) fn light_sample(&self, vertex: &Vertex, sampler: &Sampler) -> Option<LightSample> {
+    /// Light for a place, at the vertex of this index; `facing`: that of its surface.
+    pub(super) fn light_sample(
+        &self,
+        place: &Place,
+        facing: usize,
+        vertex: u32,
+        sampler: &Sampler,
+    ) -> Option<LightSample> {
         let share = self.environment_share();
         if self.lights.is_empty() && share == 0.0 {
             return None;
         }
         // A lamp that is alone is not chosen.
         let chosen = share > 0.0 || self.work.lighting.picks.len() > 1;
-        let [strategy, pick] = if chosen { sampler.pair(Dimension::Pick(vertex.bounce)) } else { [0.0; 2] };
-        let u = sampler.pair(Dimension::Light(vertex.bounce));
+        let [strategy, pick] = if chosen { sampler.pair(Dimension::Pick(vertex)) } else { [0.0; 2] };
+        let u = sampler.pair(Dimension::Light(vertex));
         if let Some(hdri) = self.sampled_picture().filter(|_| strategy < share) {
-            return Some(self.picture_sample(hdri, vertex, share, u));
+            return Some(self.picture_sample(hdri, place, facing, share, u));
         }
         let lighting = &self.work.lighting;
-        let picked = self.lights.pick(&Receiver::of(vertex.surface), pick)?;
+        let picked = self.lights.pick(&Receiver::of(place), pick)?;
         let probability = picked.probability * (1.0 - share);
         match lighting.lights.get(picked.index) {
-            Some(light) if light.has_extent() => light::from_extended(light, probability, vertex.surface, u),
-            Some(light) => {
-                let sample = light::from_punctual(light, vertex.surface);
+            Some(light) if light.has_extent() => light::from_extended(light, probability, place, u),
+            Some(_) => {
+                let light = place.moment.light(lighting, picked.index);
+                let sample = light::from_punctual(&light, place);
                 Some(LightSample { weight: sample.weight / probability, ..sample })
             }
             None => {
                 let pick = &lighting.picks[picked.index];
-                Some(light::from_emitter(&self.work.scene, pick, probability, vertex.surface, u))
+                Some(light::from_emitter(&self.work.scene, pick, probability, place, u))
             }
         }
     }
 
-    fn picture_sample(&self, hdri: &Hdri, vertex: &Vertex, share: f64, u: [f64; 2]) -> LightSample {
+    fn picture_sample(&self, hdri: &Hdri, place: &Place, facing: usize, share: f64, u: [f64; 2]) -> LightSample {
         let environment = &self.work.lighting.environment;
-        let sky = environment::sample(hdri, environment.rotation, self.facing(vertex), u);
+        let sky = environment::sample(hdri, environment.rotation, facing, u);
         let pdf = sky.pdf * share;
         LightSample {
-            origin: vertex.surface.leave(sky.direction),
+            origin: place.leave(sky.direction),
             direction: sky.direction,
             t_max: f64::INFINITY,
             end: TriangleId::NONE,

@@ -1,7 +1,7 @@
 //! Emitting triangles drawn by how much they may light a point (Conty Estevez and Kulla 2018; pbrt-v4, 12.6.3): see
 //! [`LightTree`](crate::compile::LightTree).
 
-use super::surface::Surface;
+use super::surface::Place;
 use crate::compile::LightNode;
 use glam::DVec3;
 
@@ -10,14 +10,14 @@ use glam::DVec3;
 pub struct Receiver {
     /// Relative to the scene's origin.
     pub position: DVec3,
-    /// Of the surface, on the side of the viewer.
+    /// Of the surface, on the side of the viewer; zero in a medium, which has none.
     pub normal: DVec3,
 }
 
 impl Receiver {
     /// A shading point.
-    pub fn of(surface: &Surface) -> Self {
-        Self { position: surface.position, normal: surface.geometric_normal }
+    pub fn of(place: &Place) -> Self {
+        Self { position: place.position, normal: place.normal }
     }
 }
 
@@ -94,6 +94,9 @@ impl Tree<'_> {
         let either_side = |cosine: f64, both: bool| Angle::from_cosine(if both { cosine.abs() } else { cosine });
         let sent = either_side(-direction.dot(axis), node.child & LightNode::TWO_SIDED != 0);
         let leaving = sent.less(Angle::from_cosine(f64::from(node.cos_spread))).less(around);
+        if receiver.normal == DVec3::ZERO {
+            return power * leaving.cos.max(0.0) / distance2;
+        }
         let arriving = either_side(direction.dot(receiver.normal), self.both_sides).less(around);
         power * leaving.cos.max(0.0) * arriving.cos.max(0.0) / distance2
     }

@@ -14,6 +14,7 @@ pub mod light;
 mod light_choice;
 pub mod light_tree;
 pub mod material;
+pub mod motion;
 mod phong;
 mod relief;
 mod render;

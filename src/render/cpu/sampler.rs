@@ -11,6 +11,10 @@ pub enum Dimension {
     Filter,
     /// Place on the lens.
     Lens,
+    /// The moment at which the path sees the scene.
+    Time,
+    /// On the way from the vertex before this one: flight through a medium.
+    Flight(u32),
     /// At the vertex of this index: direction of scattering.
     Lobe(u32),
     /// At the vertex: which lobe, and whether the path survives.
@@ -30,6 +34,8 @@ impl Dimension {
             Self::Choice(vertex) => (3, vertex),
             Self::Pick(vertex) => (4, vertex),
             Self::Light(vertex) => (5, vertex),
+            Self::Time => (6, 0),
+            Self::Flight(vertex) => (7, vertex),
         };
         u64::from(vertex) << 3 | kind
     }

@@ -3,6 +3,7 @@
 use super::bvh::sphere::normal as sphere_normal;
 use super::bvh::{Hit, TriangleId};
 use super::material::Layers;
+use super::motion::Moment;
 use super::relief::{Chart, Relief};
 use super::sphere;
 use super::texture::{self, Encoding};
@@ -38,6 +39,8 @@ pub struct Surface<'a> {
     pub emitter: Option<usize>,
     /// Distance along the geometric normal that clears the errors of `position`.
     clearance: f64,
+    /// When it is there.
+    moment: Moment,
     /// Of the triangle's corners.
     weights: DVec3,
     uvs: [DVec2; 2],
@@ -45,16 +48,16 @@ pub struct Surface<'a> {
 }
 
 impl<'a> Surface<'a> {
-    /// Where a ray of this direction hit.
-    pub fn new(scene: &'a CompiledScene, hit: &Hit, direction: DVec3) -> Self {
+    /// Where a ray of this direction hit at a moment.
+    pub fn new(scene: &'a CompiledScene, hit: &Hit, direction: DVec3, moment: Moment) -> Self {
         let triangle = &scene.triangles[hit.triangle as usize];
         if triangle.is_sphere() {
-            return Self::of_sphere(scene, triangle, hit, direction);
+            return Self::of_sphere(scene, triangle, hit, direction, moment);
         }
         let instance = &scene.instances[hit.instance as usize];
         let weights = DVec3::new(1.0 - hit.u - hit.v, hit.u, hit.v);
         let vertices = scene.indices[hit.triangle as usize];
-        let place = Place::new(scene, triangle, instance, weights);
+        let place = Place::new(scene, TriangleId::from(hit), weights, moment);
         let back = place.normal.dot(direction) > 0.0;
         let front = if back { -place.normal } else { place.normal };
         let material = material(scene, triangle);
@@ -68,6 +71,7 @@ impl<'a> Surface<'a> {
             primitive: TriangleId::from(hit),
             emitter: (triangle.light != NONE).then(|| (triangle.light + instance.light_base) as usize),
             clearance: place.clearance,
+            moment,
             weights,
             uvs: uvs(scene, vertices, weights),
             vertex_color: vertex_color(scene, vertices, weights),
@@ -79,7 +83,7 @@ impl<'a> Surface<'a> {
 
     /// On a sphere, which stands in the world.
     #[inline(never)]
-    fn of_sphere(scene: &'a CompiledScene, record: &Triangle, hit: &Hit, direction: DVec3) -> Self {
+    fn of_sphere(scene: &'a CompiledScene, record: &Triangle, hit: &Hit, direction: DVec3, moment: Moment) -> Self {
         let normal = sphere_normal([hit.u, hit.v]);
         let (center, radius) = (DVec3::from(record.v0.map(f64::from)), f64::from(record.v1[0]));
         let back = normal.dot(direction) > 0.0;
@@ -95,6 +99,7 @@ impl<'a> Surface<'a> {
             primitive: TriangleId::from(hit),
             emitter: None,
             clearance: gamma(ROUNDINGS) * (center.abs().max_element() + radius),
+            moment,
             weights: DVec3::X,
             uvs: [uv, DVec2::ZERO],
             vertex_color: DVec4::ONE,
@@ -139,10 +144,16 @@ impl<'a> Surface<'a> {
             sphere::layout(record, self.geometric_normal).1
         } else {
             let (instance, vertices) = self.stored();
-            triangle_chart(scene, record, instance, vertices, Relief::uv_set(detail))
+            let corners = self.moment.corners(scene, self.primitive.triangle);
+            triangle_chart(scene, corners, instance, vertices, Relief::uv_set(detail))
         };
         let relief = Relief { detail, pages: &scene.data_pages, chart, normal: self.geometric_normal };
         relief.blocks(self.uvs, direction)
+    }
+
+    /// Where it is.
+    pub fn place(&self) -> Place {
+        Place { position: self.position, normal: self.geometric_normal, moment: self.moment, clearance: self.clearance }
     }
 
     /// Value of one of the material's textures; white if there is none.
@@ -182,7 +193,13 @@ impl<'a> Surface<'a> {
     /// Zero if the mesh has none.
     fn stored_tangent(&self, vertices: [u32; 3], weights: DVec3) -> DVec4 {
         let offset = self.scene.layout.tangent;
-        if offset == NONE { DVec4::ZERO } else { DVec4::from(interpolated::<4>(self.scene, vertices, weights, offset)) }
+        if offset == NONE { DVec4::ZERO } else { DVec4::from(self.moved::<4>(vertices, weights, offset)) }
+    }
+
+    /// An attribute that changes as its vertices move.
+    fn moved<const N: usize>(&self, vertices: [u32; 3], weights: DVec3, offset: u32) -> [f64; N] {
+        let corners = vertices.map(|vertex| self.moment.attribute::<N>(self.scene, vertex, offset));
+        std::array::from_fn(|i| (0..3).map(|corner| weights[corner] * corners[corner][i]).sum())
     }
 
     /// Product of factor, texture and vertex colour: linear RGB and alpha.
@@ -229,8 +246,8 @@ impl<'a> Surface<'a> {
     ) -> DVec3 {
         let normal = self.interpolated_normal(instance, vertices, weights, flat);
         if self.material.detail != 0 {
-            let (scene, triangle) = (self.scene, &self.scene.triangles[self.primitive.triangle as usize]);
-            let chart = |uv_set| triangle_chart(scene, triangle, instance, vertices, uv_set);
+            let (scene, corners) = (self.scene, self.moment.corners(self.scene, self.primitive.triangle));
+            let chart = |uv_set| triangle_chart(scene, corners, instance, vertices, uv_set);
             if let Some(bent) = self.detailed_normal(chart, normal, direction) {
                 return bent;
             }
@@ -248,7 +265,7 @@ impl<'a> Surface<'a> {
         if layout.normal == NONE {
             return flat;
         }
-        let stored = interpolated::<3>(self.scene, vertices, weights, layout.normal);
+        let stored = self.moved::<3>(vertices, weights, layout.normal);
         // A mesh without normals stores zeros: it is flat.
         normal_to_world(self.scene, instance, DVec3::from(stored)).try_normalize().unwrap_or(flat)
     }
@@ -265,12 +282,11 @@ impl<'a> Surface<'a> {
 /// How a set of texture coordinates lies on a triangle.
 fn triangle_chart(
     scene: &CompiledScene,
-    triangle: &Triangle,
+    [a, b, c]: [DVec3; 3],
     instance: &Instance,
     vertices: [u32; 3],
     uv_set: usize,
 ) -> Chart {
-    let [a, b, c] = corners(triangle);
     let map = if scene.two_level { linear_part(&instance.to_world) } else { DMat3::IDENTITY };
     let [uv, second, third] = [DVec3::X, DVec3::Y, DVec3::Z].map(|corner| uvs(scene, vertices, corner)[uv_set]);
     Chart::of_triangle([map * (b - a), map * (c - a)], [second - uv, third - uv])
@@ -285,25 +301,37 @@ fn tangents(instance: &Instance, normal: DVec3, tangent: DVec4) -> Option<[DVec3
     Some([along, handedness * normal.cross(along)])
 }
 
-/// A place on a triangle in world space.
-#[derive(Debug)]
+/// A place on a triangle in world space, or in a medium.
+#[derive(Debug, Clone, Copy)]
 pub struct Place {
     /// Relative to the scene's origin.
     pub position: DVec3,
-    /// Unit normal of the front.
+    /// Unit normal of the front, or of the side that a ray came from; zero in a medium.
     pub normal: DVec3,
+    /// When it is there.
+    pub moment: Moment,
     clearance: f64,
 }
 
+/// Area of an emitting triangle at a moment; `mean` is that over all of them.
+pub fn area(scene: &CompiledScene, triangle: u32, mean: f32, moment: Moment) -> f64 {
+    if !scene.motion.moves(triangle) {
+        return f64::from(mean);
+    }
+    let [a, b, c] = moment.corners(scene, triangle);
+    0.5 * (b - a).cross(c - a).length()
+}
+
 impl Place {
-    /// At the given weights of the corners.
-    pub fn new(scene: &CompiledScene, triangle: &Triangle, instance: &Instance, weights: DVec3) -> Self {
-        let [a, b, c] = corners(triangle);
+    /// At the given weights of the corners, at a moment.
+    pub fn new(scene: &CompiledScene, id: TriangleId, weights: DVec3, moment: Moment) -> Self {
+        let instance = &scene.instances[id.instance as usize];
+        let [a, b, c] = moment.corners(scene, id.triangle);
         let local = weights.x * a + weights.y * b + weights.z * c;
         let largest = a.abs().max(b.abs()).max(c.abs()).max_element();
         let normal = normal_to_world(scene, instance, (b - a).cross(c - a)).normalize();
         if !scene.two_level {
-            return Self { position: local, normal, clearance: gamma(ROUNDINGS) * largest };
+            return Self { position: local, normal, moment, clearance: gamma(ROUNDINGS) * largest };
         }
         let (matrix, translation) = (linear_part(&instance.to_world), translation(&instance.to_world));
         let position = matrix * local + translation;
@@ -312,7 +340,12 @@ impl Place {
         let back = growth(linear_part(&instance.to_object)).max_element() * position.abs().max_element();
         let inside = largest + back + DVec3::from(translation_of_object(instance)).abs().max_element();
         let reach = growth(matrix).max_element() * inside + translation.abs().max_element();
-        Self { position, normal, clearance: gamma(ROUNDINGS) * reach }
+        Self { position, normal, moment, clearance: gamma(ROUNDINGS) * reach }
+    }
+
+    /// In a medium.
+    pub fn within(position: DVec3, moment: Moment) -> Self {
+        Self { position, normal: DVec3::ZERO, moment, clearance: 0.0 }
     }
 
     /// Origin of a ray that leaves in a direction, clear of the triangle.
@@ -374,10 +407,6 @@ fn clear(position: DVec3, normal: DVec3, clearance: f64, direction: DVec3) -> DV
     // The largest component is moved by the clearance at least, in whatever direction the normal points.
     let distance = clearance * (normal.x.abs() + normal.y.abs() + normal.z.abs());
     position + normal * distance.copysign(direction.dot(normal))
-}
-
-fn corners(triangle: &Triangle) -> [DVec3; 3] {
-    [triangle.v0, triangle.v1, triangle.v2].map(|corner| DVec3::from(corner.map(f64::from)))
 }
 
 fn interpolated<const N: usize>(scene: &CompiledScene, vertices: [u32; 3], weights: DVec3, offset: u32) -> [f64; N] {

@@ -1,13 +1,17 @@
 //! Rust mirrors of the uniform structs of `shaders/lib/bindings.wesl`. A test compares every offset by reflection.
 
 use super::records::Places;
-use crate::compile::{EnvironmentKind, Lens, Lighting, View};
-use crate::params::FilterKind;
+use crate::compile::{EnvironmentKind, Lens, Lighting, NONE, View};
+use crate::params::{FilterKind, MAX_STEPS};
 use crate::render::{Settings, Work};
 use bytemuck::{Pod, Zeroable};
+use glam::Affine3A;
 
 /// Entries of [`Frame::filter_table`].
 pub const FILTER_STEPS: usize = 1024;
+
+/// Entries of [`Frame::camera_way`]: three for each end of a piece.
+const CAMERA_WAY: usize = 3 * (MAX_STEPS as usize + 1);
 
 /// What stays the same for a whole render.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -42,6 +46,15 @@ pub struct Frame {
     pub environment_sin: f32,
     pub ambient: [f32; 3],
     pub environment_visible: u32,
+    pub motion_pieces: u32,
+    pub motion_first_triangle: u32,
+    pub motion_triangles: u32,
+    pub motion_first_vertex: u32,
+    pub motion_vertices: u32,
+    pub motion_nodes: u32,
+    pub motion_camera: u32,
+    pub motion_lights: u32,
+    pub camera_way: [[f32; 4]; CAMERA_WAY],
     pub filter_table: [f32; FILTER_STEPS],
 }
 
@@ -64,12 +77,12 @@ impl Frame {
         frame.set_settings(&work.settings);
         frame.places = Places::of(&work.scene);
         frame.set_lighting(&work.lighting);
+        frame.set_motion(work);
         frame
     }
 
     fn set_view(&mut self, view: &View) {
-        let (m, t) = (view.to_world.matrix3, view.to_world.translation);
-        self.camera = std::array::from_fn(|i| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]]);
+        self.camera = rows(&view.to_world);
         (self.width, self.height) = (view.width, view.height);
         match view.lens {
             Lens::Perspective { tan_half_yfov, aperture_radius, blades, blade_rotation, focus_distance } => {
@@ -89,6 +102,20 @@ impl Frame {
         self.seed = settings.seed;
         self.max_bounces = settings.max_bounces.unwrap_or(u32::MAX);
         self.phong_specular = settings.direct.specular;
+    }
+
+    fn set_motion(&mut self, work: &Work) {
+        let motion = work.scene.motion;
+        let still = |first: u32| if motion.pieces > 0 { first } else { NONE };
+        self.motion_pieces = work.settings.pieces;
+        self.motion_first_triangle = still(motion.first_triangle);
+        self.motion_triangles = motion.triangles;
+        self.motion_first_vertex = still(motion.first_vertex);
+        self.motion_vertices = motion.vertices;
+        self.motion_nodes = motion.nodes;
+        self.motion_camera = u32::from(!work.view.way.is_empty());
+        self.motion_lights = u32::from(work.lighting.moves());
+        self.camera_way.iter_mut().zip(work.view.way.iter().flat_map(rows)).for_each(|(to, row)| *to = row);
     }
 
     fn set_lighting(&mut self, lighting: &Lighting) {
@@ -112,6 +139,12 @@ impl Frame {
         self.environment_visible = u32::from(environment.visible);
         self.ambient = environment.ambient.to_array();
     }
+}
+
+/// Rows of a 3x4 matrix.
+fn rows(map: &Affine3A) -> [[f32; 4]; 3] {
+    let (m, t) = (map.matrix3, map.translation);
+    std::array::from_fn(|i| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]])
 }
 
 /// Inverse of the filter's distribution function at equal steps of probability, as offsets in -1..=1.
@@ -214,6 +247,15 @@ mod tests {
                 environment_sin,
                 ambient,
                 environment_visible,
+                motion_pieces,
+                motion_first_triangle,
+                motion_triangles,
+                motion_first_vertex,
+                motion_vertices,
+                motion_nodes,
+                motion_camera,
+                motion_lights,
+                camera_way,
                 filter_table,
             }
         );
@@ -265,8 +307,9 @@ mod tests {
     fn constants_are_those_of_the_shader() {
         let module = &module();
         let value = |name: &str| constant(module, name);
-        assert_eq!(value("NONE"), crate::compile::NONE);
+        assert_eq!(value("NONE"), NONE);
         assert_eq!(value("ALPHA_BIT"), Triangle::ALPHA);
+        assert_eq!(value("MOVING_BIT"), Instance::MOVING);
         assert_eq!(value("SPHERE_BIT"), Triangle::SPHERE);
         assert_eq!(value("DETAIL_NORMAL"), Detail::NORMAL);
         assert_eq!(value("DETAIL_OFFSET"), Detail::OFFSET);
@@ -324,6 +367,8 @@ mod tests {
             "AT_IRIDESCENCE_THICKNESS" iridescence_thickness,
             "AT_DIFFUSE_TRANSMISSION_COLOR" diffuse_transmission_color,
             "AT_DIFFUSE_TRANSMISSION" diffuse_transmission,
+            "AT_SCATTER" scatter,
+            "AT_SCATTER_ANISOTROPY" scatter_anisotropy,
             "AT_TEXTURES" textures,
         );
         let slots = [

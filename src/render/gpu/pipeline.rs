@@ -167,7 +167,7 @@ pub(in crate::render) fn compile_module(gpu: &Gpu, wgsl: &str, stack: u32) -> wg
 }
 
 /// Values of the override constants of `shaders/lib/features.wesl`.
-pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 39] {
+pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 41] {
     let f = variant.features;
     let flag = |value: bool| f64::from(u8::from(value));
     [
@@ -186,6 +186,7 @@ pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 39
         ("EXTENDED", flag(f.extended)),
         ("TRANSMISSION", flag(f.transmission)),
         ("VOLUME", flag(f.volume)),
+        ("SCATTER", flag(f.scatter)),
         ("THIN", flag(f.thin)),
         ("DIFFUSE_TRANSMISSION", flag(f.diffuse_transmission)),
         ("DISPERSION", flag(f.dispersion)),
@@ -201,6 +202,7 @@ pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 39
         ("LIGHT_TREE", flag(f.light_tree)),
         ("THIN_LENS", flag(f.thin_lens)),
         ("ORTHOGRAPHIC", flag(f.orthographic)),
+        ("MOTION", flag(f.motion)),
         ("ENVIRONMENT", f64::from(f.environment)),
         ("DIRECT", flag(variant.direct)),
         ("PHONG", flag(variant.phong)),

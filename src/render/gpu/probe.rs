@@ -58,7 +58,7 @@ impl GpuEngine {
             slice: uniform(&gpu, "slice", &[0; size_of::<Slice>()]),
             counters: buffer(&gpu, "counters", 8, wgpu::BufferUsages::STORAGE),
             work: create_texture(&gpu, "work", (1, 1), format, usage),
-            lights: gpu.storage("lights", bytemuck::cast_slice(&work.lighting.lights), 64)?,
+            lights: gpu.storage("lights", bytemuck::cast_slice(work.lighting.over_time()), 64)?,
             picks: gpu.storage("light table", bytemuck::cast_slice(&work.lighting.picks), 32)?,
             scene: self.resources.scene(&gpu, &work.scene)?,
             environment: self.resources.environment(&gpu, &work.lighting.environment)?,

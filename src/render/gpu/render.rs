@@ -77,7 +77,7 @@ impl GpuRender {
         let target = create_texture(gpu, "film", (row * LANES, rows), wgpu::TextureFormat::Rgba32Float, target);
         let size = u64::from(row * rows) * u64::from(TILE_BYTES) + COUNTERS;
         let readback = buffer(gpu, "readback", size, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
-        let lights = gpu.storage("lights", bytemuck::cast_slice(&work.lighting.lights), 64)?;
+        let lights = gpu.storage("lights", bytemuck::cast_slice(work.lighting.over_time()), 64)?;
         let picks = gpu.storage("light table", bytemuck::cast_slice(&work.lighting.picks), 32)?;
         let [list_view, target_view] = [&list, &target].map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
         let bindings = Bindings {

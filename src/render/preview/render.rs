@@ -140,7 +140,11 @@ impl PreviewRender {
             preview,
             preview_buffer,
             projections,
-            camera: Camera { view: work.view, scene: Arc::clone(&work.scene), filter: Box::new(SceneFrame::new(work)) },
+            camera: Camera {
+                view: work.view.clone(),
+                scene: Arc::clone(&work.scene),
+                filter: Box::new(SceneFrame::new(work)),
+            },
             film: Film::new(extent.width, extent.height),
             done: 0,
             row: 0,

@@ -8,6 +8,7 @@ use super::verdict::{Verdict, smallest_found};
 use candela::compile::Lens;
 use candela::params::FilterKind;
 use candela::render::cpu::camera::Camera as F64Camera;
+use candela::render::cpu::motion::Moment;
 use candela::render::cpu::sampler::{Dimension, Sampler};
 use candela::render::cpu::sampling::concentric_disk;
 use std::f64::consts::{PI, TAU};
@@ -109,7 +110,7 @@ impl Camera for F64 {
         let camera = F64Camera::new(&view);
         let draw = |pixel| {
             let sampler = Sampler::new(pixel, 0, 0, kind as u32, true);
-            [sampler.pair(Dimension::Filter)[0], 0.5 * camera.ray(0, 0, &sampler).origin.x]
+            [sampler.pair(Dimension::Filter)[0], 0.5 * camera.ray(0, 0, Moment::OPEN, &sampler).origin.x]
         };
         (0..DRAWS as u32).map(draw).collect()
     }

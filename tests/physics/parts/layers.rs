@@ -11,6 +11,7 @@ use candela::render::Work;
 use candela::render::cpu::bvh::Hit;
 use candela::render::cpu::layers::{Crossing, Layered, Media, Reflection, frame};
 use candela::render::cpu::material::Model;
+use candela::render::cpu::motion::Moment;
 use candela::render::cpu::surface::Surface;
 use candela::scene::{Extended, Material, Volume};
 use glam::{DAffine3, DVec3, Vec3, Vec4};
@@ -140,7 +141,7 @@ impl F64 {
     fn with<T>(case: &Case, ask: impl FnOnce(&dyn Fn(DVec3) -> Reflection) -> T) -> T {
         let work = single(case);
         let hit = Hit { t: 1.0, u: 0.3, v: 0.3, triangle: 0, instance: 0 };
-        let surface = Surface::new(&work.scene, &hit, DVec3::NEG_Y);
+        let surface = Surface::new(&work.scene, &hit, DVec3::NEG_Y, Moment::OPEN);
         let extended = surface.material.extended(&work.scene).expect("a material with extensions");
         let frame = frame(&surface, Some(extended));
         let crossing = (case.eta > 0.0).then(|| Crossing { eta: case.eta, beyond: Media::default() });

@@ -11,6 +11,7 @@ use candela::render::Work;
 use candela::render::cpu::bvh::Hit;
 use candela::render::cpu::light::{LightSampler, from_emitter};
 use candela::render::cpu::light_tree::Receiver;
+use candela::render::cpu::motion::Moment;
 use candela::render::cpu::surface::Surface;
 use candela::scene::{Material, Node, Scene};
 use glam::{DAffine3, DQuat, DVec3, Vec3};
@@ -111,12 +112,12 @@ impl Lights for F64 {
         let (instance, triangle) = floor(&self.0);
         let [b, c] = weights(corners_of(&self.0, instance, triangle), from);
         let hit = Hit { t: 1.0, u: b, v: c, triangle: triangle as u32, instance: instance as u32 };
-        let surface = Surface::new(scene, &hit, DVec3::NEG_Y);
+        let surface = Surface::new(scene, &hit, DVec3::NEG_Y, Moment::OPEN);
         let entry = &self.0.lighting.picks[pick];
         let probability = self.1.of_light(pick);
         u.iter()
             .map(|u| {
-                let light = from_emitter(scene, entry, probability, &surface, [u[0], u[1]]);
+                let light = from_emitter(scene, entry, probability, &surface.place(), [u[0], u[1]]);
                 (light.direction, light.pdf.unwrap_or(0.0), light.weight.x)
             })
             .collect()

@@ -17,6 +17,7 @@ mod layers;
 mod light_tree;
 mod lights;
 mod lobes;
+mod phase;
 mod quadrature;
 mod random;
 mod roulette;

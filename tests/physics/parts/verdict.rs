@@ -2,11 +2,12 @@
 
 /// Statistical tests of each family, for one engine. All of both engines share one error of 0.01: a proof that holds
 /// fails once in a hundred seeds.
-const TESTS: [(&str, usize); 11] = [
+const TESTS: [(&str, usize); 12] = [
     ("Sobol points and hashes", 35),
     ("lobes", 26),
     ("whole BSDF", 75),
     ("layers", 27),
+    ("phase function", 5),
     ("environment", 21),
     ("lights", 19),
     ("lights with an extent", 10),

@@ -14,19 +14,35 @@ impl Bvh {
     /// Builds the trees of a scene, on all cores. Which triangles lie together is taken from the scene's compressed trees;
     /// everything else, boxes above all, is made anew from the vertices.
     pub fn new(scene: &CompiledScene) -> Self {
-        let mut roots: Vec<u32> = scene.instances.iter().map(|instance| instance.root).collect();
+        let motion = scene.motion;
+        let moves = |instance: &crate::compile::Instance| instance.flags & crate::compile::Instance::MOVING != 0;
+        let roots_of = |instance: &crate::compile::Instance| {
+            let trees = if moves(instance) { motion.pieces } else { 1 };
+            let root = instance.root;
+            (0..trees).map(move |piece| root + piece * motion.nodes)
+        };
+        let mut roots: Vec<u32> = scene.instances.iter().flat_map(roots_of).collect();
         roots.sort_unstable();
         roots.dedup();
-        let source = Source {
-            nodes: &scene.nodes,
-            leaf_size: Block::SIZE,
-            bounds: |index: u32| scene.triangles[index as usize].bounds(),
-            alone: |index: u32| scene.triangles[index as usize].is_sphere(),
+        // Trees of what moves come last, one for each piece.
+        let still = roots.len() - if scene.instances.iter().any(moves) { motion.pieces as usize } else { 0 };
+        let piece_of = |tree: usize| tree.saturating_sub(still) as u32;
+        let gather = |(tree, root): (usize, &u32)| {
+            let bounds = |index: u32| match motion.moves(index) {
+                true => {
+                    let [begin, end] = [0, 1].map(|step| scene.triangle_at(index, piece_of(tree) + step));
+                    begin.swept_to(&end)
+                }
+                false => scene.triangles[index as usize].bounds(),
+            };
+            let alone = |index: u32| scene.triangles[index as usize].is_sphere();
+            Source { nodes: &scene.nodes, leaf_size: Block::SIZE, bounds, alone }.gather(*root, 0)
         };
-        let gathered: Vec<Vec<Item>> = roots.par_iter().map(|root| source.gather(*root, 0)).collect();
+        let gathered: Vec<Vec<Item>> = roots.par_iter().enumerate().map(gather).collect();
         let instance = |instance: &crate::compile::Instance| Instance {
             to_object: affine(&instance.to_object),
             tree: roots.partition_point(|root| *root < instance.root) as u32,
+            moves: moves(instance),
         };
         let mut bvh = Self {
             nodes: Vec::new(),
@@ -35,10 +51,15 @@ impl Bvh {
             top: None,
             trees: Vec::new(),
             instances: scene.instances.par_iter().map(instance).collect(),
+            moves: scene.instances.iter().any(moves),
             unit: Unit::detect(),
         };
         if scene.two_level {
-            let world = |i: &Instance| world_bounds(&gathered[i.tree as usize], &i.to_object);
+            let world = |i: &Instance| {
+                let trees = if i.moves { motion.pieces } else { 1 };
+                let of_tree = |tree: u32| world_bounds(&gathered[tree as usize], &i.to_object);
+                (i.tree..i.tree + trees).map(of_tree).fold(EMPTY, |all, bounds| all.union(bounds))
+            };
             let bounds: Vec<Bounds> = bvh.instances.par_iter().map(world).collect();
             let source = Source {
                 nodes: &scene.nodes,
@@ -48,13 +69,20 @@ impl Bvh {
             };
             bvh.top = Some(bvh.add_tree(&source.gather(0, 0), &mut |_, primitives| Child::leaf(primitives[0])));
         }
-        for items in &gathered {
+        for (tree, items) in gathered.iter().enumerate() {
             let tree = bvh.add_tree(items, &mut |bvh, primitives| {
+                if motion.moves(primitives[0]) {
+                    let first = bvh.blocks.len() as u32;
+                    let at =
+                        |step: u32| Block::new(primitives, |index| scene.triangle_at(index, piece_of(tree) + step));
+                    bvh.blocks.extend([at(0), at(1)]);
+                    return Child::leaf(first);
+                }
                 if scene.triangles[primitives[0] as usize].is_sphere() {
                     bvh.spheres.push(Sphere::new(&scene.triangles, primitives[0]));
                     return Child::leaf(Child::LAST_LEAF - (bvh.spheres.len() as u32 - 1));
                 }
-                bvh.blocks.push(Block::new(&scene.triangles, primitives));
+                bvh.blocks.push(Block::new(primitives, |index| scene.triangles[index as usize]));
                 Child::leaf(bvh.blocks.len() as u32 - 1)
             });
             bvh.trees.push(tree);

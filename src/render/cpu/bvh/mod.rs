@@ -15,6 +15,7 @@ mod tests;
 mod traverse;
 mod triangle;
 
+use super::motion::Moment;
 use crate::compile::NONE;
 use boxes::Node;
 use glam::{DAffine3, DVec3};
@@ -34,6 +35,8 @@ pub struct Ray {
     /// What it begins and what it ends on. A flat triangle cannot be met again from itself, but the distance to a sliver has an error
     /// of its length over its width, which no origin could be moved clear of.
     pub ends: [TriangleId; 2],
+    /// When it meets what moves.
+    pub moment: Moment,
 }
 
 /// A triangle of an instance.
@@ -85,6 +88,8 @@ pub struct Bvh {
     /// Trees of triangles.
     trees: Vec<Tree>,
     instances: Vec<Instance>,
+    /// Some of them move.
+    moves: bool,
     unit: Unit,
 }
 
@@ -102,6 +107,9 @@ struct Instance {
     to_object: DAffine3,
     /// Index into [`Bvh::trees`].
     tree: u32,
+    /// It has a tree for each piece of its motion, of which that is the first. Leaves are two blocks: where its triangles are
+    /// at the beginning of the piece and at the end.
+    moves: bool,
 }
 
 /// What a [`Bvh`] is made of.

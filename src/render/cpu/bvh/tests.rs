@@ -6,6 +6,7 @@ use super::traverse::Unit;
 use super::triangle::{Block, Shear, intersect};
 use super::{Bvh, Hit, Ray, TriangleId};
 use crate::compile::{Bounds, CompiledScene, Triangle, compile_scene};
+use crate::render::cpu::motion::Moment;
 use crate::scene::{Mesh, Node, Primitive, Scene, SceneRoot};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
@@ -120,7 +121,7 @@ fn closest_of_all(scene: &CompiledScene, ray: &Ray, mut accept: impl FnMut(&Hit)
         let first = instance.first_triangle;
         let ends = scene.instances.iter().map(|other| other.first_triangle).filter(|start| *start > first);
         for triangle in first..ends.min().unwrap_or(scene.triangles.len() as u32) {
-            let block = Block::new(&scene.triangles, &[triangle]);
+            let block = Block::new(&[triangle], |index| scene.triangles[index as usize]);
             let Some(hits) = intersect::<Portable>(&block, &shear, ray.t_max) else { continue };
             let hit = Hit { t: hits.t[0], u: hits.u[0], v: hits.v[0], triangle, instance: index };
             let is_near = hit.t > 0.0 && best.map_or(hit.t < ray.t_max, |best| hit.t < best.t);
@@ -157,7 +158,7 @@ fn check_hits(scene: &CompiledScene, reach: f64, rays: usize) {
             direction[axis] *= f64::from(i & (1 << axis) == 0 || i % 16 < 8);
         }
         let t_max = if i % 4 == 0 { reach * random.unit() / direction.length() } else { f64::INFINITY };
-        let ray = Ray { origin, direction, t_max, ends: ANYWHERE };
+        let ray = Ray { origin, direction, t_max, ends: ANYWHERE, moment: Moment::OPEN };
         if direction == DVec3::ZERO {
             continue;
         }
@@ -211,7 +212,13 @@ fn transparent_triangles_are_asked_about_and_passed() {
     let mut random = Random::new(9);
     for _ in 0..1000 {
         let origin = random.point() * 8.0;
-        let ray = Ray { origin, direction: random.point() * 4.0 - origin, t_max: f64::INFINITY, ends: ANYWHERE };
+        let ray = Ray {
+            origin,
+            direction: random.point() * 4.0 - origin,
+            t_max: f64::INFINITY,
+            ends: ANYWHERE,
+            moment: Moment::OPEN,
+        };
         let mut asked = Vec::new();
         let hit = tree.closest(&ray, |hit| {
             asked.push((hit.instance, hit.triangle));
@@ -236,7 +243,8 @@ fn check_rays_at_triangles(scene: &CompiledScene, rays: usize) {
         let (u, v) = (random.unit() * 0.5, random.unit() * 0.5);
         let target = a + (b - a) * u + (c - a) * v;
         let origin = random.point() * 6.0;
-        let ray = Ray { origin, direction: target - origin, t_max: f64::INFINITY, ends: ANYWHERE };
+        let ray =
+            Ray { origin, direction: target - origin, t_max: f64::INFINITY, ends: ANYWHERE, moment: Moment::OPEN };
         for tree in &trees {
             let hit = tree.closest(&ray, |_| true).expect("the ray is aimed at a triangle");
             assert!(hit.t < 1.0 + 1e-6, "{hit:?}");
@@ -270,7 +278,13 @@ fn check_leaks(scene: &CompiledScene, centres: [DVec3; 2], world: impl Fn(usize,
             let part = random.unit();
             let targets = [a, a.lerp(b, part), b.lerp(a, part), origin + random.point()];
             targets.into_iter().find_map(|target| {
-                let ray = Ray { origin, direction: target - origin, t_max: f64::INFINITY, ends: ANYWHERE };
+                let ray = Ray {
+                    origin,
+                    direction: target - origin,
+                    t_max: f64::INFINITY,
+                    ends: ANYWHERE,
+                    moment: Moment::OPEN,
+                };
                 (tree.closest(&ray, |_| true).is_none() || !tree.occluded(&ray, |_| true)).then_some(ray)
             })
         });
@@ -368,7 +382,8 @@ fn rays_within_the_planes_of_box_faces_hit() {
                             origin[axis] += from;
                             let mut direction = DVec3::splat(if i > side { -drift } else { drift });
                             direction[axis] = -from.signum();
-                            let ray = Ray { origin, direction, t_max: f64::INFINITY, ends: ANYWHERE };
+                            let ray =
+                                Ray { origin, direction, t_max: f64::INFINITY, ends: ANYWHERE, moment: Moment::OPEN };
                             let hit = tree.closest(&ray, |_| true);
                             let inner = (1..2 * side).contains(&i) && (1..2 * side).contains(&j);
                             // A drifting ray may rightly leave over the border.
@@ -397,7 +412,8 @@ fn a_stack_of_triangles_that_shrink_without_end_is_searched() {
 #[test]
 fn rays_that_are_no_rays_hit_nothing() {
     let scene = compiled(vec![sphere(8, 1.0)], &[(0, DAffine3::IDENTITY)]);
-    let good = Ray { origin: DVec3::ZERO, direction: DVec3::X, t_max: f64::INFINITY, ends: ANYWHERE };
+    let good =
+        Ray { origin: DVec3::ZERO, direction: DVec3::X, t_max: f64::INFINITY, ends: ANYWHERE, moment: Moment::OPEN };
     for tree in trees(&scene) {
         assert!(tree.occluded(&good, |_| true));
         let directions = [DVec3::ZERO, DVec3::NAN, DVec3::INFINITY, DVec3::new(1.0, f64::NAN, 0.0)];
@@ -420,7 +436,13 @@ fn rays_that_are_no_rays_hit_nothing() {
 fn an_empty_scene_is_hit_by_nothing() {
     let scene = compiled(vec![Primitive::default()], &[(0, DAffine3::IDENTITY)]);
     for tree in trees(&scene) {
-        let ray = Ray { origin: DVec3::ZERO, direction: DVec3::X, t_max: f64::INFINITY, ends: ANYWHERE };
+        let ray = Ray {
+            origin: DVec3::ZERO,
+            direction: DVec3::X,
+            t_max: f64::INFINITY,
+            ends: ANYWHERE,
+            moment: Moment::OPEN,
+        };
         assert_eq!(tree.closest(&ray, |_| true), None);
     }
 }

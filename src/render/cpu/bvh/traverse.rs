@@ -3,7 +3,7 @@
 use super::boxes::{Child, Node, Slabs};
 use super::simd::{Portable, Simd};
 use super::sphere::SphereHit;
-use super::triangle::{Block, BlockHits, Shear, intersect};
+use super::triangle::{Block, BlockHits, Shear, intersect, intersect_between};
 use super::{Bvh, Hit, Ray, Tree, TriangleId};
 use crate::compile::Triangle;
 use glam::DVec3;
@@ -54,21 +54,34 @@ pub fn search<const ANY: bool>(bvh: &Bvh, ray: &Ray, accept: impl FnMut(&Hit) ->
         return None;
     }
     match bvh.unit {
-        Unit::Portable => search_with::<Portable, _, ANY>(bvh, ray, accept),
+        Unit::Portable if bvh.moves => search_with::<Portable, _, ANY, true>(bvh, ray, accept),
+        Unit::Portable => search_with::<Portable, _, ANY, false>(bvh, ray, accept),
         #[cfg(target_arch = "x86_64")]
         // SAFETY: this unit exists only where the features were detected.
-        Unit::Avx2 => unsafe { search_avx2::<_, ANY>(bvh, ray, accept) },
+        Unit::Avx2 if bvh.moves => unsafe { search_avx2::<_, ANY, true>(bvh, ray, accept) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the same.
+        Unit::Avx2 => unsafe { search_avx2::<_, ANY, false>(bvh, ray, accept) },
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma,bmi1")]
-fn search_avx2<A: FnMut(&Hit) -> bool, const ANY: bool>(bvh: &Bvh, ray: &Ray, accept: A) -> Option<Hit> {
-    search_with::<super::avx2::Avx2, A, ANY>(bvh, ray, accept)
+fn search_avx2<A: FnMut(&Hit) -> bool, const ANY: bool, const MOTION: bool>(
+    bvh: &Bvh,
+    ray: &Ray,
+    accept: A,
+) -> Option<Hit> {
+    search_with::<super::avx2::Avx2, A, ANY, MOTION>(bvh, ray, accept)
 }
 
+/// `MOTION`: some instance may move.
 #[inline(always)]
-fn search_with<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool>(bvh: &Bvh, ray: &Ray, accept: A) -> Option<Hit> {
+fn search_with<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool, const MOTION: bool>(
+    bvh: &Bvh,
+    ray: &Ray,
+    accept: A,
+) -> Option<Hit> {
     let best = Hit { t: ray.t_max, u: 0.0, v: 0.0, triangle: 0, instance: 0 };
     let mut search = Search::<A, ANY> { bvh, best, found: false, ends: ray.ends, accept };
     match &bvh.top {
@@ -81,7 +94,7 @@ fn search_with<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool>(bvh: &Bvh, ray:
                 top.root,
                 &slabs,
                 limit,
-                InstanceLeaves::<S, A, ANY> { ray, slabs: &slabs, search: &mut search },
+                InstanceLeaves::<S, A, ANY, MOTION> { ray, slabs: &slabs, search: &mut search },
             );
         }
     }
@@ -112,6 +125,18 @@ impl<A: FnMut(&Hit) -> bool, const ANY: bool> Search<'_, A, ANY> {
             limit,
             BlockLeaves::<S, A, ANY> { origin, direction, shear, slabs: &slabs, instance, search: self },
         );
+    }
+
+    /// The same of the triangles of an instance that moves, whose space is the world.
+    #[inline(always)]
+    fn moving_tree<S: Simd>(&mut self, instance: u32, ray: &Ray) {
+        let tree = &self.bvh.trees[(self.bvh.instances[instance as usize].tree + ray.moment.piece) as usize];
+        let slabs = Slabs::new(ray.origin, ray.direction, tree.scale);
+        let shear = Shear::new(ray.origin, ray.direction);
+        let limit = slabs.limit(self.best.t);
+        let nodes = &self.bvh.nodes;
+        let leaves = MovingLeaves::<S, A, ANY> { part: ray.moment.part, shear, slabs: &slabs, instance, search: self };
+        walk(nodes, tree.root, &slabs, limit, leaves);
     }
 
     /// How far to look from now on.
@@ -187,18 +212,44 @@ impl<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool> Leaves for BlockLeaves<'_
     }
 }
 
+/// Leaves are pairs of blocks: the same triangles at the beginning and at the end of a piece of their way.
+struct MovingLeaves<'s, 'a, S: Simd, A, const ANY: bool> {
+    part: f64,
+    shear: Shear,
+    slabs: &'s Slabs<S>,
+    instance: u32,
+    search: &'s mut Search<'a, A, ANY>,
+}
+
+impl<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool> Leaves for MovingLeaves<'_, '_, S, A, ANY> {
+    #[inline(always)]
+    fn visit(&mut self, leaf: usize, limit: f32) -> f32 {
+        let Some([begin, end]) = self.search.bvh.blocks.get(leaf..leaf + 2) else { return limit };
+        let hits = intersect_between::<S>([begin, end], self.part, &self.shear, self.search.best.t);
+        let Some(hits) = hits else { return limit };
+        self.search.take(begin, &hits, self.instance);
+        self.search.limit(self.slabs)
+    }
+}
+
 /// Leaves are instances.
-struct InstanceLeaves<'s, 'a, S: Simd, A, const ANY: bool> {
+struct InstanceLeaves<'s, 'a, S: Simd, A, const ANY: bool, const MOTION: bool> {
     ray: &'s Ray,
     slabs: &'s Slabs<S>,
     search: &'s mut Search<'a, A, ANY>,
 }
 
-impl<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool> Leaves for InstanceLeaves<'_, '_, S, A, ANY> {
+impl<S: Simd, A: FnMut(&Hit) -> bool, const ANY: bool, const MOTION: bool> Leaves
+    for InstanceLeaves<'_, '_, S, A, ANY, MOTION>
+{
     #[inline(always)]
     fn visit(&mut self, leaf: usize, _: f32) -> f32 {
         let bvh = self.search.bvh;
         let instance = &bvh.instances[leaf];
+        if MOTION && instance.moves {
+            self.search.moving_tree::<S>(leaf as u32, self.ray);
+            return self.search.limit(self.slabs);
+        }
         let origin = instance.to_object.transform_point3(self.ray.origin);
         let direction = instance.to_object.transform_vector3(self.ray.direction);
         self.search.tree::<S>(&bvh.trees[instance.tree as usize], leaf as u32, origin, direction);

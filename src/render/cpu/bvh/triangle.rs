@@ -26,10 +26,10 @@ impl Block {
     pub const SIZE: usize = 4;
 
     /// Of the triangles with these indices, four at most.
-    pub fn new(triangles: &[Triangle], indices: &[u32]) -> Self {
+    pub fn new(indices: &[u32], triangle: impl Fn(u32) -> Triangle) -> Self {
         let mut block = Self { vertices: [[[f32::NAN; 4]; 3]; 3], ids: [0; 4] };
         for (lane, index) in indices.iter().enumerate() {
-            let triangle = &triangles[*index as usize];
+            let triangle = triangle(*index);
             for (rows, vertex) in block.vertices.iter_mut().zip([triangle.v0, triangle.v1, triangle.v2]) {
                 for (row, coordinate) in rows.iter_mut().zip(vertex) {
                     row[lane] = coordinate;
@@ -90,9 +90,28 @@ pub struct BlockHits {
 /// The triangles that the ray hits at a t that is not negative and at most `t_max`.
 #[inline(always)]
 pub fn intersect<S: Simd>(block: &Block, ray: &Shear, t_max: f64) -> Option<BlockHits> {
-    let (ax, ay, az) = sheared::<S>(&block.vertices[0], ray);
-    let (bx, by, bz) = sheared::<S>(&block.vertices[1], ray);
-    let (cx, cy, cz) = sheared::<S>(&block.vertices[2], ray);
+    let corners = block.vertices.each_ref().map(|vertex| sheared::<S>(vertex.each_ref().map(S::F64::widen), ray));
+    meet::<S>(corners, ray, t_max)
+}
+
+/// The same of triangles that are a part of their way from one block to the next.
+#[inline(always)]
+pub fn intersect_between<S: Simd>(blocks: [&Block; 2], part: f64, ray: &Shear, t_max: f64) -> Option<BlockHits> {
+    let [begin, end] = blocks;
+    let part = S::F64::splat(part);
+    let corners = std::array::from_fn(|corner| {
+        let axes = std::array::from_fn(|axis| {
+            let [begin, end] = [begin, end].map(|block| S::F64::widen(&block.vertices[corner][axis]));
+            begin + (end - begin) * part
+        });
+        sheared::<S>(axes, ray)
+    });
+    meet::<S>(corners, ray, t_max)
+}
+
+#[inline(always)]
+fn meet<S: Simd>(corners: [(S::F64, S::F64, S::F64); 3], ray: &Shear, t_max: f64) -> Option<BlockHits> {
+    let [(ax, ay, az), (bx, by, bz), (cx, cy, cz)] = corners;
     // Weights of the three vertices, not yet divided by their sum.
     let a = cx * by - cy * bx;
     let b = ax * cy - ay * cx;
@@ -112,10 +131,10 @@ pub fn intersect<S: Simd>(block: &Block, ray: &Shear, t_max: f64) -> Option<Bloc
 
 /// A vertex of each lane in the ray's space; z not yet scaled.
 #[inline(always)]
-fn sheared<S: Simd>(vertex: &[[f32; 4]; 3], ray: &Shear) -> (S::F64, S::F64, S::F64) {
+fn sheared<S: Simd>(vertex: [S::F64; 3], ray: &Shear) -> (S::F64, S::F64, S::F64) {
     let [x, y, z] = ray.axes;
-    let z = S::F64::widen(&vertex[z]) - S::F64::splat(ray.origin[2]);
-    let x = S::F64::widen(&vertex[x]) - S::F64::splat(ray.origin[0]) - S::F64::splat(ray.shear[0]) * z;
-    let y = S::F64::widen(&vertex[y]) - S::F64::splat(ray.origin[1]) - S::F64::splat(ray.shear[1]) * z;
+    let z = vertex[z] - S::F64::splat(ray.origin[2]);
+    let x = vertex[x] - S::F64::splat(ray.origin[0]) - S::F64::splat(ray.shear[0]) * z;
+    let y = vertex[y] - S::F64::splat(ray.origin[1]) - S::F64::splat(ray.shear[1]) * z;
     (x, y, z)
 }

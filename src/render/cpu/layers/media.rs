@@ -75,6 +75,20 @@ impl Media {
         (DVec3::from(extended.absorption.map(f64::from)) * -distance).exp()
     }
 
+    /// What scatters light on a way; `left` as in [`Self::transmittance`].
+    pub fn scattering<'a>(&self, scene: &'a CompiledScene, left: Option<u32>) -> Option<&'a Extended> {
+        let medium = self.top().or(left).and_then(|id| scene.extended.get(id as usize));
+        medium.filter(|medium| medium.scatters())
+    }
+
+    /// Where a path is that was in the mesh of `left` all along, if it is in nothing else.
+    pub fn within(self, left: Option<u32>) -> Self {
+        match left {
+            Some(id) if self.depth == 0 => self.entered(id),
+            _ => self,
+        }
+    }
+
     fn top(&self) -> Option<u32> {
         self.depth.checked_sub(1).map(|last| self.stack[last])
     }

@@ -9,6 +9,7 @@ mod film;
 mod ggx;
 mod glass;
 pub mod media;
+pub mod scatter;
 mod sheen;
 mod values;
 

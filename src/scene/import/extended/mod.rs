@@ -6,17 +6,17 @@ use super::document;
 use super::materials::Reader;
 use super::number::{finite, non_negative};
 use super::schema::{Material, TextureInfo};
-use crate::scene::{Extended, SceneError, TextureRef, Volume};
+use crate::scene::{Extended, Scatter, SceneError, TextureRef, Volume};
 use glam::Vec3;
 use schema::{
     Anisotropy, Clearcoat, DiffuseTransmission, Dispersion, Ior, Iridescence, Sheen, Specular, Transmission,
-    VolumeSource,
+    VolumeScatter, VolumeSource,
 };
 
 pub(super) use schema::SpecularGlossiness;
 
 /// Extensions that are read here.
-const NAMES: [&str; 11] = [
+const NAMES: [&str; 12] = [
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
     "KHR_materials_diffuse_transmission",
@@ -28,6 +28,7 @@ const NAMES: [&str; 11] = [
     "KHR_materials_specular",
     "KHR_materials_transmission",
     "KHR_materials_volume",
+    "KHR_materials_volume_scatter",
 ];
 
 /// The specular-glossiness values of a material that has them.
@@ -50,6 +51,7 @@ pub(super) fn read(reader: &mut Reader<'_>, source: &Material) -> Result<Option<
     reader.with(source, "transmission", |reader, values| reader.transmission(values, out))?;
     reader.with(source, "diffuse_transmission", |reader, values| reader.diffuse_transmission(values, out))?;
     reader.with(source, "volume", |reader, values| reader.volume(values, out))?;
+    reader.with(source, "volume_scatter", |reader, values| reader.volume_scatter(values, out))?;
     reader.with(source, "dispersion", |reader, values| reader.dispersion(values, out))?;
     reader.with(source, "clearcoat", |reader, values| reader.clearcoat(values, out))?;
     reader.with(source, "sheen", |reader, values| reader.sheen(values, out))?;
@@ -189,6 +191,26 @@ impl Values<'_, '_> {
         Ok(())
     }
 
+    /// Particles in the volume, which must be there.
+    fn volume_scatter(&mut self, values: &VolumeScatter, out: &mut Extended) -> Result<(), SceneError> {
+        let color = self.color(values.multiscatter_color, [0.0; 3], "multiscatterColor")?;
+        let anisotropy = finite(values.scatter_anisotropy.unwrap_or(0.0), &self.at("scatterAnisotropy"))?;
+        let most = Scatter::MOST as f32;
+        if anisotropy.abs() > most {
+            let detail = format!("{anisotropy} lies beyond -{most} to {most} and is taken as the nearer of the two");
+            self.warn("factor_clamped", "scatterAnisotropy", detail);
+        }
+        let texture = values.multiscatter_color_texture.as_ref();
+        self.texture(texture, false, "multiscatterColorTexture")?;
+        if texture.is_some() {
+            let detail = "media are the same everywhere; the factor alone is read".to_owned();
+            self.warn("scatter_texture", "multiscatterColorTexture", detail);
+        }
+        let there = out.volume.is_some() && color != Vec3::ZERO;
+        out.scatter = there.then(|| Scatter::new(color, anisotropy.clamp(-most, most)));
+        Ok(())
+    }
+
     fn dispersion(&mut self, values: &Dispersion, out: &mut Extended) -> Result<(), SceneError> {
         out.dispersion = non_negative(values.dispersion.unwrap_or(0.0), &self.at("dispersion"))?;
         Ok(())
@@ -273,6 +295,7 @@ mod tests {
             "KHR_materials_specular": {"specularFactor": 0.5, "specularColorFactor": [2, 1, 0], "specularColorTexture": {"index": 1}},
             "KHR_materials_transmission": {"transmissionFactor": 0.75, "transmissionTexture": {"index": 0, "texCoord": 3}},
             "KHR_materials_volume": {"thicknessFactor": 2, "attenuationColor": [1, 0.5, 0.25], "attenuationDistance": 3},
+            "KHR_materials_volume_scatter": {"multiscatterColor": [1, 0, 0.5], "scatterAnisotropy": -0.5},
             "KHR_materials_dispersion": {"dispersion": 0.2},
             "KHR_materials_clearcoat": {"clearcoatFactor": 1, "clearcoatNormalTexture": {"index": 0, "scale": 0.5}},
             "KHR_materials_sheen": {"sheenColorFactor": [0.1, 0.2, 0.3], "sheenRoughnessFactor": 0.4},
@@ -288,6 +311,9 @@ mod tests {
         assert_eq!((extended.transmission, extended.transmission_texture.unwrap().uv_set), (0.75, 1));
         let volume = Volume { attenuation_color: Vec3::new(1.0, 0.5, 0.25), attenuation_distance: 3.0 };
         assert_eq!((extended.volume, extended.dispersion), (Some(volume), 0.2));
+        let scatter = extended.scatter.unwrap();
+        assert_eq!((scatter.anisotropy, scatter.albedo.y), (-0.5, 0.0));
+        assert!(scatter.albedo.x > 0.9999 && (0.8..0.95).contains(&scatter.albedo.z), "{scatter:?}");
         assert_eq!(
             (extended.clearcoat, extended.clearcoat_roughness, extended.clearcoat_normal_scale),
             (1.0, 0.0, 0.5)

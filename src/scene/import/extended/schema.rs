@@ -44,6 +44,16 @@ pub struct VolumeSource {
     pub attenuation_distance: Option<f64>,
 }
 
+/// KHR_materials_volume_scatter, a draft: the colour has had two names.
+#[derive(Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub struct VolumeScatter {
+    #[serde(alias = "multiscatterColorFactor")]
+    pub multiscatter_color: Option<[f64; 3]>,
+    pub multiscatter_color_texture: Option<TextureInfo>,
+    pub scatter_anisotropy: Option<f64>,
+}
+
 #[derive(Deserialize)]
 pub struct Dispersion {
     pub dispersion: Option<f64>,
