@@ -4,17 +4,29 @@ use super::alias;
 use super::emitters::luminance;
 use super::environment;
 use super::light_records::{Given, of_file, of_request};
+use super::own_light;
 use super::walk::placed_nodes;
 use super::{CompileError, CompiledScene, DefaultTaken, Emitter, Environment, EnvironmentKind, Hdri, LightPick};
 use super::{Lighting, PunctualKind, PunctualLight};
 use crate::params::{Mode, RenderParams};
-use crate::scene::Scene;
+use crate::scene::{Scene, Warning};
 use glam::Vec3;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 /// Share of picks that goes to all lights alike: none becomes rare because its estimate is poor.
 const UNIFORM_SHARE: f64 = 0.1;
+
+/// What shines in one request, and what is to be said of it.
+#[derive(Debug)]
+pub struct Lit {
+    /// For kernels.
+    pub lighting: Lighting,
+    /// What the request left open.
+    pub defaults: Vec<DefaultTaken>,
+    /// Why it was chosen, if the scene brings along light of its own.
+    pub warning: Option<Warning>,
+}
 
 /// Compiles everything that shines in one request. `hdri` is the picture that `params.environment` names.
 ///
@@ -25,45 +37,40 @@ pub fn light(
     compiled: &CompiledScene,
     params: &RenderParams,
     hdri: Option<Arc<Hdri>>,
-) -> Result<(Lighting, Vec<DefaultTaken>), CompileError> {
+) -> Result<Lit, CompileError> {
     let path = params.mode == Mode::Path;
     let mut lighting = Lighting::default();
-    let mut add = |light: PunctualLight| {
-        if reaches(&light, compiled) {
-            lighting.lights.push(light);
-        } else {
-            lighting.skipped += 1;
-        }
-    };
     if params.scene_lights {
         for placed in placed_nodes(scene, params.scene)? {
             let light = scene.nodes[placed.node].light.and_then(|index| scene.lights.get(index));
             if let Some(light) = light {
-                add(of_file(light, &placed, compiled.origin));
+                add(&mut lighting, of_file(light, &placed, compiled.origin), compiled);
             }
         }
     }
+    let brought_along = lighting.lights.len();
     let mut ambient = Vec3::ZERO;
     for given in &params.lights {
         match of_request(given, compiled.origin, path) {
-            Given::Light(light) => add(light),
+            Given::Light(light) => add(&mut lighting, light, compiled),
             Given::Ambient(radiance) => ambient += radiance,
         }
     }
-    lighting.lights.sort_by_key(|light| !light.has_extent());
-    lighting.extended = lighting.lights.iter().filter(|light| light.has_extent()).count() as u32;
-    let emits = path && !compiled.emitters.is_empty();
-    let nothing_shines = lighting.lights.is_empty() && !emits && ambient == Vec3::ZERO;
     lighting.environment = environment::given(&params.environment, hdri)?;
     lighting.environment.ambient = ambient;
-    let defaults = match (params.environment.is_auto(), nothing_shines) {
-        (true, true) => environment::neutral(params.mode, &mut lighting),
-        (true, false) => vec![DefaultTaken { what: "environment".into(), value: serde_json::Value::Null }],
-        (false, _) => Vec::new(),
+    let is_open = params.environment.is_auto();
+    let is_asked_for = lighting.lights.len() > brought_along || ambient != Vec3::ZERO;
+    let choice = (is_open && !is_asked_for).then(|| own_light::choose(compiled, &lighting.lights, params.mode));
+    let defaults = match &choice {
+        Some(choice) if choice.neutral => environment::neutral(params.mode, &mut lighting),
+        _ if is_open => vec![DefaultTaken { what: "environment".into(), value: serde_json::Value::Null }],
+        _ => Vec::new(),
     };
+    lighting.lights.sort_by_key(|light| !light.has_extent());
+    lighting.extended = lighting.lights.iter().filter(|light| light.has_extent()).count() as u32;
     fill_table(&mut lighting, compiled, path);
     lighting.environment_probability = environment_probability(&lighting, path);
-    Ok((lighting, defaults))
+    Ok(Lit { lighting, defaults, warning: choice.and_then(|choice| choice.warning) })
 }
 
 /// A sky without detail is found by the surface's own sampling; only a picture is sampled on purpose. Half of the samples where
@@ -88,6 +95,15 @@ fn bright_kind(kind: &EnvironmentKind, bright: impl Fn(&Vec3) -> bool) -> bool {
         EnvironmentKind::Constant(colour) => bright(colour),
         EnvironmentKind::Gradient { top, horizon, bottom } => [top, horizon, bottom].into_iter().any(bright),
         EnvironmentKind::Hdri(hdri) => bright(&Vec3::splat(hdri.power)),
+    }
+}
+
+/// Adds a light, unless it lights nothing.
+fn add(lighting: &mut Lighting, light: PunctualLight, compiled: &CompiledScene) {
+    if reaches(&light, compiled) {
+        lighting.lights.push(light);
+    } else {
+        lighting.skipped += 1;
     }
 }
 

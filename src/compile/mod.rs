@@ -31,6 +31,7 @@ mod lights;
 mod look;
 mod materials;
 mod moment;
+mod own_light;
 mod quantize;
 mod repeats;
 mod sight;
@@ -56,9 +57,10 @@ pub use light_tree::{LightNode, LightTree};
 pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight, Share,
 };
-pub use lights::{light, shines};
+pub use lights::{Lit, light, shines};
 pub use look::MapFiles;
 pub use moment::moment;
+pub use own_light::Surface;
 pub use sight::unseen;
 pub use textures::map_size;
 pub use tiles::{ANY_FACING, FACING_STRIDE, FACINGS, TILES, tile_of};
