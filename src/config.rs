@@ -78,6 +78,8 @@ limits! {
     queue_length: usize = 64, "CANDELA_QUEUE_LENGTH";
     /// Renders of one batch.
     batch_items: usize = 1000, "CANDELA_BATCH_ITEMS";
+    /// Bytes of the manifest of one batch.
+    manifest_bytes: usize = 4 << 20, "CANDELA_MANIFEST_BYTES";
     /// Renders of batches that wait, besides `queue_length`; further batches are refused at once.
     batch_queue_length: usize = 10_000, "CANDELA_BATCH_QUEUE_LENGTH";
     /// Renders that share the device; one more place is kept for short ones.
@@ -92,7 +94,7 @@ limits! {
     stored_image_bytes: u64 = 1 << 30, "CANDELA_STORED_IMAGE_BYTES";
     /// Finished jobs kept, oldest leave first.
     kept_jobs: usize = 1000, "CANDELA_KEPT_JOBS";
-    /// Bytes of the results kept, oldest leave first.
+    /// Bytes of the results kept: the oldest linear pictures leave first (a job's own file stays), then the oldest jobs.
     kept_result_bytes: u64 = 1 << 30, "CANDELA_KEPT_RESULT_BYTES";
     /// Hours that finished jobs are kept, and uploads that nobody uses.
     kept_hours: u64 = 168, "CANDELA_KEPT_HOURS";
@@ -161,6 +163,9 @@ pub struct ServeConfig {
     /// How the log is written to standard error.
     #[arg(long, env = "CANDELA_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     pub log_format: LogFormat,
+    /// Collector of OpenTelemetry that is told the traces of requests and jobs, by OTLP over HTTP: http://127.0.0.1:4318.
+    #[arg(long, env = "CANDELA_OTLP_ENDPOINT", value_name = "URL")]
+    pub otlp_endpoint: Option<String>,
     /// Prints the configuration as a file of environment variables (for systemd, Docker, a shell) and ends.
     #[arg(long)]
     #[serde(skip)]

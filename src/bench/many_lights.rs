@@ -1,7 +1,7 @@
 //! Many emitting triangles: time to the same error with the tree of emitters and with the table of their power, by their number.
 
 use crate::compile::{self, LightTree, MapFiles};
-use crate::params::{EngineChoice, RenderParams};
+use crate::params::{EngineChoice, EnvironmentChoice, RenderParams};
 use crate::render::prepare::{prepare, render_to_end};
 use crate::render::{Engine, Engines, Work};
 use crate::scene::{Material, Mesh, Node, Primitive, Scene, SceneRoot};
@@ -108,6 +108,7 @@ fn works(choice: EngineChoice, count: usize, size: Size) -> Result<([Work; 2], f
         max_samples: size.samples,
         adaptive: false,
         engine: choice,
+        environment: EnvironmentChoice::None,
         camera: serde_json::from_value(
             // The floor alone, from below the lamps: how soon these are found by sight has nothing to do with how they are drawn.
             serde_json::json!({"position": [0, 0.25, 0], "target": [0, 0, 0.25], "yfov_degrees": 45}),

@@ -3,10 +3,10 @@
 use super::Failure;
 use crate::demo;
 use crate::jobs::audit_folder;
-use crate::params::{EngineChoice, RenderParams};
-use crate::render::Engines;
+use crate::params::{EngineChoice, Mode, RenderParams};
 use crate::render::gpu::has_hardware_adapter;
 use crate::render::prepare::{prepare, render_to_end};
+use crate::render::{Engines, RenderError};
 use crate::scene::{self, Limits, Package};
 use crate::{compile, config};
 use anyhow::{Context, Result, ensure};
@@ -31,8 +31,9 @@ pub struct DoctorArgs {
 pub fn run(arguments: &DoctorArgs) -> Result<(), Failure> {
     let mut findings = vec![
         ("version", Ok(env!("CARGO_PKG_VERSION").to_owned())),
-        ("processor", picture(EngineChoice::Cpu)),
+        ("processor", picture(EngineChoice::Cpu, Mode::Path)),
         ("graphics", graphics()),
+        ("preview", preview()),
         ("memory", Ok(memory())),
     ];
     if let Some(folder) = &arguments.data {
@@ -56,11 +57,11 @@ pub fn run(arguments: &DoctorArgs) -> Result<(), Failure> {
 }
 
 /// Renders a small picture.
-fn picture(engine: EngineChoice) -> Result<String> {
+fn picture(engine: EngineChoice, mode: Mode) -> Result<String> {
     let glb = demo::by_name("grid").context("there is no demo grid")?;
     let limits = Limits::default();
     let scene = scene::import(&Package::from_bytes(glb, &limits)?, &limits)?;
-    let params = RenderParams { engine, width: 64, height: 32, max_samples: 16, ..RenderParams::default() };
+    let params = RenderParams { engine, mode, width: 64, height: 32, max_samples: 16, ..RenderParams::default() };
     let compiled = Arc::new(compile::compile_scene(&scene, None)?);
     let prepared = prepare(&scene, compiled, &params, None)?;
     let rendered = render_to_end(&mut Engines::new(), prepared.work, &mut |_| {})?;
@@ -75,7 +76,17 @@ fn graphics() -> Result<String> {
     if !has_hardware_adapter() {
         return Ok("no graphics card; `engine: auto` is the processor".to_owned());
     }
-    picture(EngineChoice::Gpu)
+    picture(EngineChoice::Gpu, Mode::Path)
+}
+
+/// Previews are drawn by graphics drivers alone, one in software if need be.
+fn preview() -> Result<String> {
+    picture(EngineChoice::Gpu, Mode::Preview).or_else(|error| match error.downcast_ref() {
+        Some(RenderError::NoAdapter(_)) => {
+            Ok("no graphics driver, not even one in software (Mesa's lavapipe): `mode: preview` will fail".to_owned())
+        }
+        _ => Err(error),
+    })
 }
 
 fn memory() -> String {
@@ -124,6 +135,12 @@ mod tests {
 
     #[test]
     fn the_processor_renders() {
-        assert!(picture(EngineChoice::Cpu).unwrap().contains("cpu"));
+        assert!(picture(EngineChoice::Cpu, Mode::Path).unwrap().contains("cpu"));
+    }
+
+    #[test]
+    fn a_preview_is_drawn_or_said_to_be_impossible() {
+        let said = preview().unwrap();
+        assert!(said.contains("a small picture took") || said.contains("no graphics driver"), "{said}");
     }
 }

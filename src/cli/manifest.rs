@@ -62,12 +62,11 @@ fn items(manifest: &Path) -> Result<Vec<Item>, Failure> {
         ManifestError::Syntax(detail) => Failure::Request(format!("--manifest {place}: {detail}")),
         ManifestError::Fields(faults) => faulty(manifest, &faults),
     })?;
-    for (index, item) in items.iter().enumerate() {
-        let root = format!("/items/{index}");
-        let below = |fault: FieldError| FieldError { pointer: format!("{root}{}", fault.pointer), ..fault };
+    for item in &items {
+        let place = |fault| item.origin.place(fault);
         item.params
             .validate(&limits())
-            .map_err(|faults| faulty(manifest, &faults.into_iter().map(below).collect::<Vec<_>>()))?;
+            .map_err(|faults| faulty(manifest, &faults.into_iter().map(place).collect::<Vec<_>>()))?;
     }
     Ok(items)
 }

@@ -12,6 +12,7 @@ mod render;
 mod request;
 mod serve;
 mod summary;
+mod traces;
 
 use crate::config::ServeConfig;
 use clap::{Parser, Subcommand};

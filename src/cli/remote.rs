@@ -20,6 +20,9 @@ const REQUEST: Duration = Duration::from_secs(600);
 /// Seconds between two looks at the batch, which the server lets pass.
 const LOOK: u32 = 2;
 
+/// Longest manifest of a server that does not say what it reads.
+const MANIFEST_BYTES: u64 = 4 << 20;
+
 /// Largest result.
 const LARGEST: u64 = 4 << 30;
 
@@ -56,13 +59,21 @@ impl Remote {
         items: &[Item],
         mut tell: impl FnMut(&Item, Result<Vec<u8>, Failure>) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
-        let most = self.json("GET", "/v1/limits", &[], &[])?["batch_items"].as_u64().unwrap_or(1).max(1);
+        let limits = self.json("GET", "/v1/limits", &[], &[])?;
+        let limit =
+            |name: &str, usual: u64| usize::try_from(limits[name].as_u64().unwrap_or(usual)).unwrap_or(usize::MAX);
+        let (most_items, most_bytes) = (limit("batch_items", 1).max(1), limit("manifest_bytes", MANIFEST_BYTES));
         let mut uploads = Uploads { remote: self, scenes: HashMap::new(), images: HashMap::new() };
-        for part in items.chunks(usize::try_from(most).unwrap_or(usize::MAX)) {
-            let lines = part.iter().map(|item| uploads.line(item)).collect::<Result<String, Failure>>()?;
-            self.batch(part, &lines, &mut tell)?;
+        let (mut begin, mut lines) = (0, String::new());
+        for (index, item) in items.iter().enumerate() {
+            let line = uploads.line(item)?;
+            if index - begin == most_items || (index > begin && lines.len() + line.len() > most_bytes) {
+                self.batch(&items[begin..index], &std::mem::take(&mut lines), &mut tell)?;
+                begin = index;
+            }
+            lines += &line;
         }
-        Ok(())
+        if lines.is_empty() { Ok(()) } else { self.batch(&items[begin..], &lines, &mut tell) }
     }
 
     fn batch(

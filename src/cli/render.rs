@@ -33,8 +33,8 @@ pub struct RenderArgs {
     /// A parameter by name, over those of --params: `width=640`, `camera.yfov_degrees=30`. May be repeated.
     #[arg(short, long, value_name = "NAME=VALUE")]
     pub set: Vec<String>,
-    /// Picture to write (.png, .exr, .webp, .jpg), or - for standard output; by default named after the scene. Of a manifest the
-    /// folder of its pictures.
+    /// Picture to write (.png, .exr, .webp, .jpg), or - for standard output; by default named after the scene, unless a file of that
+    /// name is there. Of a manifest the folder of its pictures.
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// What is known of each pixel besides, as .exr: `standard_error=FILE.exr`, `samples=FILE.exr`. May be repeated.

@@ -68,12 +68,12 @@ fn set_hdri(params: &mut RenderParams, file: &Path) {
     params.environment = EnvironmentChoice::Given(environment);
 }
 
-/// The file to write; its extension, if it has one, decides on the format.
+/// The file to write; its extension, if it has one, decides on the format. One that the user did not name is not replaced.
 fn target(arguments: &RenderArgs, params: &mut RenderParams) -> Result<Target, Failure> {
     let Some(path) = &arguments.output else {
         let name = Path::new(arguments.scene.trim_start_matches(super::render::DEMO_PREFIX));
         let stem = name.file_stem().map_or_else(|| "picture".into(), |stem| stem.to_string_lossy());
-        return Ok(Target::File(PathBuf::from(format!("{stem}.{}", params.output.format.extension()))));
+        return new(PathBuf::from(format!("{stem}.{}", params.output.format.extension())));
     };
     if path.as_os_str() == "-" {
         return Ok(Target::Stdout);
@@ -94,6 +94,17 @@ fn target(arguments: &RenderArgs, params: &mut RenderParams) -> Result<Target, F
         return Err(Failure::Request(format!("--output {}: there is no such folder", path.display())));
     }
     Ok(Target::File(path.clone()))
+}
+
+/// A file that is not there yet.
+fn new(path: PathBuf) -> Result<Target, Failure> {
+    if path.exists() {
+        let path = path.display();
+        return Err(Failure::Request(format!(
+            "{path} is there already: write `-o {path}` to replace it, or another name"
+        )));
+    }
+    Ok(Target::File(path))
 }
 
 /// Whether the parameters themselves choose a format.
@@ -147,6 +158,17 @@ mod tests {
         assert_eq!(target(&["models/duck.glb"]), Target::File("duck.png".into()));
         assert_eq!(target(&["demo:grid", "--set", "output.format=exr"]), Target::File("grid.exr".into()));
         assert_eq!(target(&["demo:grid", "-o", "-"]), Target::Stdout);
+    }
+
+    #[test]
+    fn a_file_that_nobody_named_is_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("scene.png");
+        assert_eq!(new(file.clone()).unwrap(), Target::File(file.clone()));
+        std::fs::write(&file, b"").unwrap();
+        let failure = new(file.clone()).unwrap_err();
+        assert!(failure.exit_code() == 2 && failure.to_string().contains("-o "), "{failure}");
+        assert_eq!(parsed(&["a.glb", "-o", &file.to_string_lossy()]).unwrap().target, Target::File(file));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! `candela serve`.
 
+use super::traces::Traces;
 use super::{Failure, apart};
 use crate::config::{LogFormat, ServeConfig};
 use crate::http::{self, Access};
@@ -10,7 +11,10 @@ use std::io::{IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tracing_subscriber::EnvFilter;
+use tracing::Subscriber;
+use tracing_subscriber::prelude::*;
+use tracing_subscriber::registry::LookupSpan;
+use tracing_subscriber::{EnvFilter, Layer, fmt};
 
 /// Serves until SIGTERM or SIGINT.
 ///
@@ -21,14 +25,22 @@ pub fn run(config: ServeConfig) -> Result<(), Failure> {
         let written = std::io::stdout().write_all(config.as_environment().as_bytes());
         return written.map_err(|error| Failure::Machine(format!("standard output: {error}")));
     }
+    let machine = |error: anyhow::Error| Failure::Machine(format!("{error:#}"));
+    let traces = config.otlp_endpoint.as_deref().map(Traces::to).transpose().map_err(machine)?;
+    let traced = traces.as_ref().map(Traces::layer);
+    tracing_subscriber::registry().with(log(config.log_format)).with(traced).init();
+    run_to_end(config).map_err(machine)
+}
+
+/// The log, on standard error.
+fn log<S: Subscriber + for<'a> LookupSpan<'a>>(format: LogFormat) -> impl Layer<S> {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("candela=info,warn"));
-    let colours = std::io::stderr().is_terminal();
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours);
-    match config.log_format {
-        LogFormat::Text => log.init(),
-        LogFormat::Json => log.json().flatten_event(true).with_current_span(true).with_span_list(false).init(),
-    }
-    run_to_end(config).map_err(|error| Failure::Machine(format!("{error:#}")))
+    let lines = fmt::layer().with_writer(std::io::stderr).with_ansi(std::io::stderr().is_terminal());
+    let lines = match format {
+        LogFormat::Text => lines.boxed(),
+        LogFormat::Json => lines.json().flatten_event(true).with_current_span(true).with_span_list(false).boxed(),
+    };
+    lines.with_filter(filter)
 }
 
 fn run_to_end(config: ServeConfig) -> anyhow::Result<()> {
@@ -140,6 +152,7 @@ mod tests {
             drain_seconds: 0,
             apart: false,
             log_format: LogFormat::Text,
+            otlp_endpoint: None,
             print_config: false,
             limits: Limits::default(),
         }

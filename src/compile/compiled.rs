@@ -1,6 +1,6 @@
 //! [`CompiledScene`] and its parts, as kernels read them.
 
-use super::{Extended, LightTree, Motion, NONE};
+use super::{Extended, LightTree, Motion, NONE, Surface};
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -51,6 +51,9 @@ pub struct CompiledScene {
     pub light_tree: LightTree,
     /// What of it moves while the shutter is open.
     pub motion: Motion,
+    /// Points of its surfaces, for the choice of light.
+    #[serde(skip)]
+    pub surface: Surface,
     /// Whether rays pass a top level first.
     pub two_level: bool,
     /// Longest chain of nodes from the root, both levels together.
@@ -141,6 +144,15 @@ impl Triangle {
         self.material & Self::SPHERE != 0
     }
 
+    /// Area in the space of its instance.
+    pub fn area(&self) -> f64 {
+        if self.is_sphere() {
+            return 4.0 * PI * f64::from(self.v1[0]).powi(2);
+        }
+        let [a, b, c] = [self.v0, self.v1, self.v2].map(|v| DVec3::from(v.map(f64::from)));
+        0.5 * (b - a).cross(c - a).length()
+    }
+
     /// The box around it.
     pub fn bounds(&self) -> Bounds {
         if self.is_sphere() {
@@ -193,6 +205,23 @@ pub struct Instance {
 impl Instance {
     /// Bit of `flags`: what moves ([`Motion`]); its transform is the identity.
     pub const MOVING: u32 = 2;
+
+    /// A point of its mesh in the world.
+    pub fn point(&self, v: [f32; 3]) -> DVec3 {
+        let [x, y, z] = v.map(f64::from);
+        DVec3::from(self.to_world.map(|row| row.map(f64::from)).map(|[i, j, k, l]| i * x + j * y + k * z + l))
+    }
+
+    /// -1 if the transform mirrors, else 1: what the cross product of edges in the world is to be multiplied by for the normal.
+    pub fn handedness(&self) -> f64 {
+        if self.flags & 1 == 1 { -1.0 } else { 1.0 }
+    }
+
+    /// Factor on lengths, of all directions the geometric mean.
+    pub fn scale(&self) -> f64 {
+        let [x, y, z] = self.to_world.map(|[i, j, k, _]| DVec3::new(i.into(), j.into(), k.into()));
+        x.dot(y.cross(z)).abs().cbrt()
+    }
 }
 
 /// A material as kernels read it.

@@ -134,13 +134,14 @@ impl<'a> Groups<'a> {
 
 /// Refuses what is too large or too small for f32; a point, which has no surface, passes.
 fn check_extent(what: &str, size: DVec3) -> Result<(), SceneError> {
-    let extent = size.max_element() as f32;
-    if extent <= 0.0 || EXTENTS.contains(&extent) {
+    let extent = size.max_element();
+    if extent <= 0.0 || EXTENTS.contains(&(extent as f32)) {
         return Ok(());
     }
     let (least, most) = (EXTENTS.start(), EXTENTS.end());
-    let code = if extent > *most { "extent_too_large" } else { "extent_too_small" };
-    let detail = format!("{what} is {extent:e} units across; from {least:e} to {most:e} are supported: scale it");
+    let code = if extent > f64::from(*most) { "extent_too_large" } else { "extent_too_small" };
+    let size = if extent.is_finite() { format!("{extent:.3e} units") } else { "more than 1e308 units".to_owned() };
+    let detail = format!("{what} is {size} across; from {least:e} to {most:e} are supported: scale it");
     Err(invalid(code, "/scenes", &detail))
 }
 

@@ -105,17 +105,12 @@ impl Item {
     fn new(scene: &CompiledScene, index: u32, emitter: &Emitter) -> Self {
         let instance = &scene.instances[emitter.instance as usize];
         let triangle = &scene.triangles[emitter.triangle as usize];
-        let [a, b, c] = [triangle.v0, triangle.v1, triangle.v2].map(|v| {
-            let row = |row: [f32; 4]| row.map(f64::from);
-            let [x, y, z] = v.map(f64::from);
-            DVec3::from(instance.to_world.map(row).map(|[i, j, k, l]| i * x + j * y + k * z + l))
-        });
+        let [a, b, c] = [triangle.v0, triangle.v1, triangle.v2].map(|v| instance.point(v));
         // Room for kernels that transform in f32.
         let slack = f64::from(SLACK) * a.abs().max(b.abs()).max(c.abs()).max_element();
-        let mirrored = if instance.flags & 1 == 1 { -1.0 } else { 1.0 };
         Self {
             bounds: Bounds::outwards(a.min(b).min(c) - slack, a.max(b).max(c) + slack),
-            normal: ((b - a).cross(c - a) * mirrored).normalize_or(DVec3::Y).as_vec3(),
+            normal: ((b - a).cross(c - a) * instance.handedness()).normalize_or(DVec3::Y).as_vec3(),
             power: 0.0,
             emitter: index,
             trail: 0,

@@ -5,17 +5,29 @@ use super::emitters::luminance;
 use super::environment;
 use super::light_records::{Given, of_file, of_request};
 use super::motion;
+use super::own_light;
 use super::walk::placed_nodes;
 use super::{CompileError, CompiledScene, DefaultTaken, Emitter, Environment, EnvironmentKind, Hdri, LightPick};
 use super::{Lighting, PunctualKind, PunctualLight};
 use crate::params::{Mode, RenderParams};
-use crate::scene::Scene;
+use crate::scene::{Scene, Warning};
 use glam::Vec3;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 /// Share of picks that goes to all lights alike: none becomes rare because its estimate is poor.
 const UNIFORM_SHARE: f64 = 0.1;
+
+/// What shines in one request, and what is to be said of it.
+#[derive(Debug)]
+pub struct Lit {
+    /// For kernels.
+    pub lighting: Lighting,
+    /// What the request left open.
+    pub defaults: Vec<DefaultTaken>,
+    /// Why it was chosen, if the scene brings along light of its own.
+    pub warning: Option<Warning>,
+}
 
 /// Compiles everything that shines in one request. `hdri` is the picture that `params.environment` names.
 ///
@@ -26,11 +38,13 @@ pub fn light(
     compiled: &CompiledScene,
     params: &RenderParams,
     hdri: Option<Arc<Hdri>>,
-) -> Result<(Lighting, Vec<DefaultTaken>), CompileError> {
+) -> Result<Lit, CompileError> {
     let path = params.mode == Mode::Path;
     let mut lighting = Lighting::default();
     // Each at one moment or at several, the first of which stands for all.
     let mut lights = if params.scene_lights { lights_of_file(scene, compiled, params)? } else { Vec::new() };
+    let reaching = |way: &Vec<PunctualLight>| way.iter().any(|light| reaches(light, compiled));
+    let brought_along = lights.iter().filter(|way| reaching(way)).count();
     let mut ambient = Vec3::ZERO;
     for given in &params.lights {
         match of_request(given, compiled.origin, path) {
@@ -39,24 +53,28 @@ pub fn light(
         }
     }
     let all = lights.len();
-    lights.retain(|way| way.iter().any(|light| reaches(light, compiled)));
+    lights.retain(reaching);
     lighting.skipped = (all - lights.len()) as u32;
+    lighting.lights = lights.iter().filter_map(|way| way.first().copied()).collect();
+    lighting.environment = environment::given(&params.environment, hdri)?;
+    lighting.environment.ambient = ambient;
+    let is_open = params.environment.is_auto();
+    let is_asked_for = lights.len() > brought_along || ambient != Vec3::ZERO;
+    let choice = (is_open && !is_asked_for).then(|| own_light::choose(compiled, &lighting.lights, params.mode));
+    let defaults = match &choice {
+        Some(choice) if choice.neutral => environment::neutral(params.mode, &mut lighting),
+        _ if is_open => vec![DefaultTaken { what: "environment".into(), value: serde_json::Value::Null }],
+        _ => Vec::new(),
+    };
+    let neutral = &lighting.lights[lights.len()..];
+    lights.extend(neutral.iter().map(|light| vec![*light]));
     lights.sort_by_key(|way| way.iter().any(|light| !light.has_extent()));
     lighting.lights = lights.iter().filter_map(|way| way.first().copied()).collect();
     lighting.way = ways(&lights);
     lighting.extended = lighting.lights.iter().filter(|light| light.has_extent()).count() as u32;
-    let emits = path && !compiled.emitters.is_empty();
-    let nothing_shines = lighting.lights.is_empty() && !emits && ambient == Vec3::ZERO;
-    lighting.environment = environment::given(&params.environment, hdri)?;
-    lighting.environment.ambient = ambient;
-    let defaults = match (params.environment.is_auto(), nothing_shines) {
-        (true, true) => environment::neutral(params.mode, &mut lighting),
-        (true, false) => vec![DefaultTaken { what: "environment".into(), value: serde_json::Value::Null }],
-        (false, _) => Vec::new(),
-    };
     fill_table(&mut lighting, compiled, path);
     lighting.environment_probability = environment_probability(&lighting, path);
-    Ok((lighting, defaults))
+    Ok(Lit { lighting, defaults, warning: choice.and_then(|choice| choice.warning) })
 }
 
 /// Lights of the file, each at every moment of the shutter at which it is looked at.

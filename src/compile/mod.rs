@@ -32,6 +32,7 @@ mod look;
 mod materials;
 mod moment;
 pub mod motion;
+mod own_light;
 mod quantize;
 mod repeats;
 mod sight;
@@ -57,10 +58,11 @@ pub use light_tree::{LightNode, LightTree};
 pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight, Share,
 };
-pub use lights::{light, shines};
+pub use lights::{Lit, light, shines};
 pub use look::MapFiles;
 pub use moment::moment;
 pub use motion::Motion;
+pub use own_light::Surface;
 pub use sight::unseen;
 pub use textures::map_size;
 pub use tiles::{ANY_FACING, FACING_STRIDE, FACINGS, TILES, tile_of};

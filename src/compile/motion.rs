@@ -11,7 +11,7 @@ use super::vertices::{self, Placement};
 use super::{Bounds, BvhNode, CompiledScene, Emitter, Triangle, bvh, moment, quantize};
 use crate::params::{FieldError, RenderParams};
 use crate::scene::{Moment, Scene};
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, Vec3};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -180,11 +180,6 @@ impl Triangle {
         let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
         let slack = min.abs().max(max.abs()) * ROUNDING;
         Bounds::outwards(min - slack, max + slack)
-    }
-
-    fn area(&self) -> f64 {
-        let [a, b, c] = [self.v0, self.v1, self.v2].map(|v| DVec3::from(v.map(f64::from)));
-        0.5 * (b - a).cross(c - a).length()
     }
 }
 

@@ -54,7 +54,7 @@ pub fn many_emitters(side: u32) -> Vec<u8> {
     let post = glb.mesh(&post, stone);
     for index in 0..side * side {
         let color = [0, 1, 2].map(|channel| 0.15 + 0.85 * random(index, channel).powi(2));
-        let material = glb.material(lamp(color, 4.0 + 60.0 * random(index, 3).powi(4)));
+        let material = glb.material(lamp(color, 12.0 + 180.0 * random(index, 3).powi(4)));
         let mesh = glb.mesh(&ball, material);
         let jitter = |salt| 0.7 * random(index, salt) - 0.35;
         let [x, z] = [index % side, index / side].map(|place| place as f32 - (side - 1) as f32 / 2.0);

@@ -19,8 +19,7 @@ pub fn media_type(format: ImageFormat) -> &'static str {
 
 /// The format that `Accept` likes best; `usual` where it leaves the choice (or is absent).
 pub fn picture_format(headers: &HeaderMap, usual: ImageFormat) -> Result<ImageFormat, Problem> {
-    let lines = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
-    let ranges: Vec<_> = lines.flat_map(|line| line.split(',')).filter_map(range).collect();
+    let ranges = ranges(headers);
     if ranges.is_empty() {
         return Ok(usual);
     }
@@ -33,6 +32,18 @@ pub fn picture_format(headers: &HeaderMap, usual: ImageFormat) -> Result<ImageFo
         let detail = "this server makes image/png, image/x-exr, image/webp and image/jpeg; ask for one in `Accept`";
         Problem::new(Code::NotAcceptable, detail)
     })
+}
+
+/// Whether `Accept` allows a format.
+pub fn takes(headers: &HeaderMap, format: ImageFormat) -> bool {
+    let ranges = ranges(headers);
+    ranges.is_empty() || quality(&ranges, media_type(format)) > 0.0
+}
+
+/// The media ranges of `Accept` with their qualities.
+fn ranges(headers: &HeaderMap) -> Vec<(String, f32)> {
+    let lines = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
+    lines.flat_map(|line| line.split(',')).filter_map(range).collect()
 }
 
 /// A media range, in lower case, and its quality.

@@ -12,22 +12,18 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::Value;
 
-/// Bytes of a manifest.
-pub const MANIFEST_BYTES: usize = 4 << 20;
-
 const LINES: [&str; 3] = ["application/x-ndjson", "application/jsonl", "application/x-jsonlines"];
-
-const KINDS: Text = Text {
-    kinds: &[LINES[0], LINES[1], LINES[2], "application/json"],
-    bytes: MANIFEST_BYTES,
-    hint: "send a render per line as application/x-ndjson, or a matrix as application/json",
-};
 
 /// `POST /v1/batches`
 pub async fn create(State(app): State<App>, headers: HeaderMap, request: Request) -> Result<Response, Problem> {
     let [] = query::fields(request.uri(), [])?;
     let (key, caller) = (jobs::idempotency_key(&headers)?, caller(&request));
-    let (kind, text) = upload::read_text(&app, &KINDS, request).await?;
+    let manifest = Text {
+        kinds: &[LINES[0], LINES[1], LINES[2], "application/json"],
+        bytes: app.service.limits().manifest_bytes,
+        hint: "send a render per line as application/x-ndjson, or a matrix as application/json",
+    };
+    let (kind, text) = upload::read_text(&app, &manifest, request).await?;
     let items = read(&kind, &text, app.service.limits().batch_items)?;
     let submission = BatchSubmission {
         items,

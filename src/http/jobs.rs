@@ -5,7 +5,7 @@ use super::prefer::Patience;
 use super::{App, accept, caller, picture, query, scenes, upload};
 use crate::film::Aov;
 use crate::jobs::{
-    Asked, Code, Images, Job, Order, Problem, Stages, State as JobState, Submission, Webhook, no_params,
+    Asked, Code, Encoded, Images, Job, Order, Problem, Stages, State as JobState, Submission, Webhook, no_params,
 };
 use crate::params::{self, FieldError, ImageFormat, RenderParams};
 use axum::Json;
@@ -71,12 +71,11 @@ async fn begin(
     let order = order(&app, &new.scene, params, new.priority).await?;
     let webhook = new.webhook.map(|webhook| webhook.url);
     let patience = Patience::of(&app, headers);
-    if patience.is_some() {
-        // A format that cannot be made is refused before the work, not after it.
-        accept::picture_format(headers, order.params.output.format)?;
-    }
+    // A format that cannot be made is refused before the work, not after it.
+    let wanted = |_: &Patience| accept::picture_format(headers, order.params.output.format);
+    let format = patience.as_ref().map(wanted).transpose()?;
     let quota = caller.renders_per_day;
-    let submission = Submission { id, key, anew, quota, webhook, ..Submission::new(order, caller.client) };
+    let submission = Submission { id, key, anew, format, quota, webhook, ..Submission::new(order, caller.client) };
     let job = app.service.submit(submission).await?;
     job.settled().await;
     let accepted = || accepted(&format!("/v1/jobs/{}", job.spec.id), app.service.describe(&job));
@@ -117,9 +116,19 @@ pub async fn finished(app: &App, job: &Job, headers: &HeaderMap) -> Result<Respo
     if let Some(problem) = job.problem() {
         return Err(problem);
     }
-    let format = accept::picture_format(headers, job.spec.params.output.format)?;
-    let file = app.service.result(job, format).await?;
-    Ok(picture::reply(job, &file, headers))
+    Ok(picture::reply(job, &file(app, job, headers).await?))
+}
+
+/// The file of a job in the format that the client likes best; if that can no longer be made, in the job's own, where the client takes it.
+async fn file(app: &App, job: &Job, headers: &HeaderMap) -> Result<Encoded, Problem> {
+    let own = job.spec.params.output.format;
+    let format = accept::picture_format(headers, own)?;
+    match app.service.result(job, format).await {
+        Err(problem) if problem.code == Code::LinearPictureGone.id() && accept::takes(headers, own) => {
+            app.service.result(job, own).await
+        }
+        made => made,
+    }
 }
 
 /// `GET /v1/jobs`
@@ -150,7 +159,7 @@ pub async fn preview(
     }
     let job = app.service.job(&id).await?;
     if job.state() == JobState::Succeeded {
-        return finished(&app, &job, &headers).await;
+        return Ok(picture::reply_unless_had(&job, &file(&app, &job, &headers).await?, &headers));
     }
     let preview = job.preview().ok_or_else(|| {
         Problem::new(
@@ -177,8 +186,7 @@ pub async fn result(
     let job = app.service.job(&id).await?;
     let [aov] = query::fields(&uri, ["aov"])?;
     let Some(name) = aov else {
-        let format = accept::picture_format(&headers, job.spec.params.output.format)?;
-        return Ok(picture::reply(&job, &app.service.result(&job, format).await?, &headers));
+        return Ok(picture::reply_unless_had(&job, &file(&app, &job, &headers).await?, &headers));
     };
     let unknown = |fault| Problem::fields(Code::InvalidParams, vec![FieldError::new("/aov", fault)]);
     let aov = Aov::from_name(&name).map_err(unknown)?;
@@ -186,7 +194,7 @@ pub async fn result(
         let detail = format!("{name} is no picture to look at and comes as image/x-exr only; ask for that in `Accept`");
         return Err(Problem::new(Code::NotAcceptable, detail));
     }
-    Ok(picture::reply(&job, &app.service.aov(&job, aov).await?, &headers))
+    Ok(picture::reply_unless_had(&job, &app.service.aov(&job, aov).await?, &headers))
 }
 
 /// `POST /v1/jobs/{id}/cancel`: 200 with the job, however often and however it has ended.

@@ -22,6 +22,7 @@ mod query;
 mod render;
 pub mod router;
 mod scenes;
+mod span;
 mod upload;
 
 pub use access::Access;

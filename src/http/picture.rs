@@ -9,8 +9,22 @@ use axum::response::{IntoResponse, Response};
 /// Longest value of one fact; the whole list is in the job's JSON.
 const LONGEST: usize = 1000;
 
-/// The file of a finished job, or 304 if the client has it.
-pub fn reply(job: &Job, file: &Encoded, request: &HeaderMap) -> Response {
+/// The file of a finished job, or 304 if the client has it: of a request that merely looks.
+pub fn reply_unless_had(job: &Job, file: &Encoded, request: &HeaderMap) -> Response {
+    if has_it(request, &file.etag) {
+        return (StatusCode::NOT_MODIFIED, headers(job, file)).into_response();
+    }
+    reply(job, file)
+}
+
+/// The file of a finished job.
+pub fn reply(job: &Job, file: &Encoded) -> Response {
+    let mut headers = headers(job, file);
+    set(&mut headers, header::CONTENT_TYPE, media_type(file.format));
+    (headers, Body::from(file.bytes.clone())).into_response()
+}
+
+fn headers(job: &Job, file: &Encoded) -> HeaderMap {
     let mut headers = HeaderMap::new();
     if let Some(outcome) = job.outcome() {
         facts(&mut headers, &outcome.record);
@@ -19,11 +33,7 @@ pub fn reply(job: &Job, file: &Encoded, request: &HeaderMap) -> Response {
     set(&mut headers, header::ETAG, &file.etag);
     set(&mut headers, header::CACHE_CONTROL, "private, max-age=31536000, immutable");
     set(&mut headers, header::VARY, "Accept");
-    if has_it(request, &file.etag) {
-        return (StatusCode::NOT_MODIFIED, headers).into_response();
-    }
-    set(&mut headers, header::CONTENT_TYPE, media_type(file.format));
-    (headers, Body::from(file.bytes.clone())).into_response()
+    headers
 }
 
 fn facts(headers: &mut HeaderMap, record: &Record) {

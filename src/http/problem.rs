@@ -1,6 +1,7 @@
 //! Every reply leaves through here: faults become problem+json, and all get a request id and security headers.
 
 use super::metrics::Traffic;
+use super::span;
 use crate::jobs::{Code, Problem};
 use axum::body::Body;
 use axum::extract::{Request, State};
@@ -43,9 +44,9 @@ pub async fn dress(State(traffic): State<Traffic>, request: Request, next: Next)
     let id = request_id(request.headers());
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
     let begun = std::time::Instant::now();
-    // What happens on behalf of this request says so in the log.
-    let span = tracing::info_span!("request", request_id = id);
-    let mut response = next.run(request).instrument(span).await;
+    let span = span::of(&request, &id);
+    let mut response = next.run(request).instrument(span.clone()).await;
+    span::answered(&span, response.status());
     if let Some(problem) = problem_of(&response) {
         response = write(&problem, &id, response);
     }

@@ -27,7 +27,7 @@ pub async fn render(State(app): State<App>, request: Request) -> Result<Response
     let mut upload = some_file(upload::read(&app, &KINDS, request).await?, &KINDS)?;
     let mut params = read_params(upload.params.as_deref(), &query)?;
     // A format that cannot be made is refused before the work, not after it.
-    accept::picture_format(&headers, params.output.format)?;
+    let format = Some(accept::picture_format(&headers, params.output.format)?);
     let uploaded = begun.elapsed().as_secs_f64();
 
     let Images { environment: hdri, maps } = app.service.take_images(&mut params, &mut upload.files).await?;
@@ -38,7 +38,7 @@ pub async fn render(State(app): State<App>, request: Request) -> Result<Response
     let order = Order { scene, hdri, maps, params, priority: 0, stages };
     let anew = wants_anew(&headers);
     let quota = caller.renders_per_day;
-    let submission = Submission { attended: true, anew, quota, ..Submission::new(order, caller.client) };
+    let submission = Submission { attended: true, anew, format, quota, ..Submission::new(order, caller.client) };
     let job = app.service.submit(submission).await?;
     let waiting = Waiting { app, job };
     waiting.job.finished().await;

@@ -1,11 +1,10 @@
 //! Every route on one screen.
 
-use super::batches::{self, MANIFEST_BYTES};
 use super::host::{self, Hosts};
 use super::keys::Scope;
 use super::metrics::{self, Traffic};
 use super::upload::{Room, TEXT_BYTES};
-use super::{Access, App, access, events, health, images, jobs, origin, pages, problem, render, scenes};
+use super::{Access, App, access, batches, events, health, images, jobs, origin, pages, problem, render, scenes};
 use crate::jobs::Service;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -21,7 +20,7 @@ const READ: Option<Scope> = Some(Scope::Read);
 const RENDER: Option<Scope> = Some(Scope::Render);
 const ADMIN: Option<Scope> = Some(Scope::Admin);
 
-fn table() -> Vec<Row> {
+fn table(manifest_bytes: usize) -> Vec<Row> {
     vec![
         ("POST", "/v1/render", RENDER, post(render::render)),
         ("POST", "/v1/scenes", RENDER, post(scenes::create)),
@@ -40,7 +39,7 @@ fn table() -> Vec<Row> {
         ("GET", "/v1/jobs/{id}/preview", READ, get(jobs::preview)),
         ("GET", "/v1/jobs/{id}/result", READ, get(jobs::result)),
         ("POST", "/v1/jobs/{id}/cancel", RENDER, post(jobs::cancel)),
-        ("POST", "/v1/batches", RENDER, post(batches::create).layer(DefaultBodyLimit::max(MANIFEST_BYTES))),
+        ("POST", "/v1/batches", RENDER, post(batches::create).layer(DefaultBodyLimit::max(manifest_bytes))),
         ("GET", "/v1/batches", READ, get(batches::list)),
         ("GET", "/v1/batches/{id}", READ, get(batches::show)),
         ("DELETE", "/v1/batches/{id}", RENDER, delete(batches::remove)),
@@ -61,7 +60,7 @@ fn table() -> Vec<Row> {
 
 /// Method, path and scope of every route, for the test that compares them with `openapi.yaml`.
 pub fn routes() -> Vec<(&'static str, &'static str, Option<Scope>)> {
-    table().into_iter().map(|(method, path, scope, _)| (method, path, scope)).collect()
+    table(0).into_iter().map(|(method, path, scope, _)| (method, path, scope)).collect()
 }
 
 /// The whole application; what the table does not name is a file of the page, or a 404.
@@ -75,7 +74,7 @@ pub fn router(service: Service, traffic: &Traffic, access: &Access, hosts: Hosts
         }
         None => answer,
     };
-    table()
+    table(service.limits().manifest_bytes)
         .into_iter()
         .fold(Router::new(), |router, (_, path, scope, answer)| router.route(path, guarded(scope, answer)))
         .fallback(pages::file)

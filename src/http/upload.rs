@@ -220,9 +220,14 @@ async fn read_all(request: Request) -> Result<Bytes, Problem> {
 }
 
 async fn read_form(most_parts: usize, kinds: &Kinds, request: Request) -> Result<Upload, Problem> {
-    let mut form = Multipart::from_request(request, &()).await.map_err(|_| {
-        Problem::new(Code::MalformedMultipart, "`Content-Type: multipart/form-data` must name its boundary")
-    })?;
+    let nameless = || {
+        let detail = "`Content-Type: multipart/form-data` must name its boundary, of 1 to 70 characters";
+        Problem::new(Code::MalformedMultipart, detail)
+    };
+    if !(1..=70).contains(&boundary(request.headers()).map_or(0, str::len)) {
+        return Err(nameless());
+    }
+    let mut form = Multipart::from_request(request, &()).await.map_err(|_| nameless())?;
     let mut upload = Upload::default();
     let mut parts = 0;
     while let Some(field) = form.next_field().await.map_err(malformed)? {
@@ -238,6 +243,10 @@ async fn read_form(most_parts: usize, kinds: &Kinds, request: Request) -> Result
 
 async fn read_field(kinds: &Kinds, upload: &mut Upload, mut field: Field<'_>) -> Result<(), Problem> {
     let name = field.name().unwrap_or_default().to_owned();
+    if let Some(odd) = [field.name(), field.file_name()].into_iter().flatten().find(|name| has_controls(name)) {
+        let detail = format!("the name {odd:?} of a part has a control character in it: rename the part, or its file");
+        return Err(Problem::new(Code::MalformedMultipart, detail));
+    }
     if kinds.params && name == "params" {
         let text = read_text_field(&mut field).await?;
         if upload.params.replace(text).is_some() {
@@ -285,7 +294,24 @@ fn malformed(error: MultipartError) -> Problem {
     if error.status() == StatusCode::PAYLOAD_TOO_LARGE {
         return too_large("the form");
     }
-    Problem::new(Code::MalformedMultipart, error.body_text())
+    let text = error.body_text();
+    let why =
+        if text.contains("headers") { ": a name in it has a control character, or a line has no colon" } else { "" };
+    Problem::new(Code::MalformedMultipart, format!("{text}{why}"))
+}
+
+fn has_controls(name: &str) -> bool {
+    name.chars().any(char::is_control)
+}
+
+/// The boundary that a form names.
+fn boundary(headers: &HeaderMap) -> Option<&str> {
+    let kind = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
+    let (_, value) = kind
+        .split(';')
+        .filter_map(|part| part.split_once('='))
+        .find(|(name, _)| name.trim().eq_ignore_ascii_case("boundary"))?;
+    Some(value.trim().trim_matches('"'))
 }
 
 /// Refuses a body that says itself that it is too large, before any of it is read.
@@ -307,7 +333,7 @@ fn check_encoding(headers: &HeaderMap) -> Result<(), Problem> {
 
 fn too_large(what: &str) -> Problem {
     let detail = format!(
-        "{what} is larger than this server reads (GET /v1/limits, upload_bytes; 1 MiB for JSON, 4 MiB for a manifest)"
+        "{what} is larger than this server reads (GET /v1/limits, upload_bytes; json_bytes for JSON, manifest_bytes for a manifest)"
     );
     Problem::new(Code::PayloadTooLarge, detail)
 }

@@ -11,6 +11,7 @@ use crate::render::{NonFinite, Render};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
+use tracing::Span;
 
 /// Shortest time between two previews, and between two progress events, of one job.
 const PREVIEW_PERIOD: Duration = Duration::from_millis(500);
@@ -35,6 +36,8 @@ pub(super) struct Active {
     /// Whether a preview is being encoded.
     pub drawing: Arc<AtomicBool>,
     pub losses: u32,
+    /// Ends with the render.
+    _span: Span,
     /// Of the film that was saved last, or that the render began with.
     pub saved_samples: u64,
     pub next_save: Instant,
@@ -66,6 +69,7 @@ impl Active {
         Self {
             forecast: Forecast::new(ready.prepared.work.settings),
             saved_samples: render.film().pixel_samples(),
+            _span: tracing::info_span!(parent: &ready.job.span(), "trace", device = render.device().name),
             ready,
             render,
             claim,

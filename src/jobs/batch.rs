@@ -4,7 +4,7 @@
 use super::Service;
 use super::job::{Job, Place, Spec};
 use super::ledger::now;
-use super::manifest::{Item, below};
+use super::manifest::Item;
 use super::problem::{Code, Problem};
 use super::scenes::content_id;
 use super::state::State;
@@ -199,12 +199,9 @@ impl Service {
     /// Whether every item is valid, within the limits, and names what is there. Tells of the first one that is not.
     async fn check_items(&self, items: &[Item]) -> Result<(), Problem> {
         let (mut scenes, mut images) = (HashSet::new(), HashSet::new());
-        for (index, item) in items.iter().enumerate() {
-            let root = format!("/items/{index}");
-            let place = |problem: Problem| {
-                let errors = problem.errors.into_iter().map(|fault| below(&root, fault)).collect();
-                Problem { errors, detail: format!("item {index} (`{}`): {}", item.name, problem.detail), ..problem }
-            };
+        for item in items {
+            let part = format!("`{}`", item.name);
+            let place = |problem: Problem| problem.within(&part, |fault| item.origin.place(fault));
             self.check(&item.params, item.priority).map_err(place)?;
             self.check_webhook(item.webhook.as_deref()).map_err(place)?;
             if scenes.insert(&item.scene) && !self.core.storage.offers_scene(&item.scene).await? {

@@ -20,6 +20,7 @@ pub(super) fn compile(
     memory_limit: u64,
     copied: u64,
 ) -> Result<Ready, Problem> {
+    let _span = tracing::info_span!(parent: &job.span(), "compile").entered();
     let begun = Instant::now();
     let params = &order.params;
     let maps = order.maps.iter().filter_map(|image| Some((image.id.clone(), image.map()?))).collect();

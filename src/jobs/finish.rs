@@ -36,6 +36,7 @@ pub(super) struct Ended {
 /// Makes the file, stores it and ends the job.
 pub(super) fn finish(ended: Ended, shared: &Shared) {
     let job = Arc::clone(&ended.job);
+    let _span = tracing::info_span!(parent: &job.span(), "encode").entered();
     let made = catch_unwind(AssertUnwindSafe(|| make(ended))).unwrap_or_else(|_| {
         Err(Problem::new(Code::Internal, "the picture could not be made by a fault of the server"))
     });

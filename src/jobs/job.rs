@@ -13,6 +13,8 @@ use crate::render::report::Stages;
 use serde_json::{Value, json};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use tracing::Span;
+use tracing::field::Empty;
 
 /// What to render.
 #[derive(Debug, Clone)]
@@ -126,6 +128,8 @@ struct Live {
     preview_wanted: bool,
     outcome: Option<Arc<Outcome>>,
     problem: Option<Problem>,
+    /// Of all that happens to it, until it is over.
+    span: Span,
 }
 
 impl Live {
@@ -137,7 +141,16 @@ impl Live {
             preview_wanted: false,
             outcome: None,
             problem: None,
+            span: Span::none(),
         }
+    }
+
+    /// One that has work before it.
+    fn at_work(state: State, spec: &Spec) -> Self {
+        let Spec { id, client, scene, params, .. } = spec;
+        let (width, height) = (params.width, params.height);
+        let span = tracing::info_span!("job", job = %id, %client, %scene, width, height, state = Empty, code = Empty);
+        Self { span, ..Self::new(state) }
     }
 }
 
@@ -154,7 +167,7 @@ impl Job {
         let events = EventLog::new([], 0);
         let queued = events.push(EventKind::Queued, json!({ "job": spec.id }));
         let spec = Arc::new(spec);
-        let (accepted, live) = (Instant::now(), Mutex::new(Live::new(State::Queued)));
+        let (accepted, live) = (Instant::now(), Mutex::new(Live::at_work(State::Queued, &spec)));
         (Self { spec, accepted, events: Arc::new(events), ledger, meters, live }, queued)
     }
 
@@ -163,7 +176,7 @@ impl Job {
         let Restored { spec, state, outcome, problem, mut events, last_event, film: _ } = restored;
         // The pictures of an unfinished render were those of the process before.
         events.retain(|event| event.kind != EventKind::Preview);
-        let mut live = Live::new(state);
+        let mut live = if state.is_over() { Live::new(state) } else { Live::at_work(state, &spec) };
         let progress = events.iter().rev().find(|event| event.kind == EventKind::Progress);
         live.progress = match &outcome {
             Some(outcome) => Progress::of(outcome),
@@ -179,6 +192,11 @@ impl Job {
             meters,
             live: Mutex::new(live),
         }
+    }
+
+    /// What its work is a part of, in the log and in traces; none once it is over.
+    pub fn span(&self) -> Span {
+        self.live().span.clone()
     }
 
     /// Where it stands.
@@ -238,6 +256,7 @@ impl Job {
             live.preview = None;
             self.meters.end(next);
             self.audit(&live);
+            live.span = Span::none();
         }
         // Still under the lock, so that the ledger has the changes in their order.
         self.tell(kind, data, Some(standing));
@@ -252,6 +271,7 @@ impl Job {
         let code = live.problem.as_ref().map_or("", |problem| problem.code.as_ref());
         let (state, ms) = (live.state.name(), self.accepted.elapsed().as_millis() as u64);
         tracing::info!(job = %id, %client, %scene, width, height, samples, state, code, ms, "job over");
+        live.span.record("state", state).record("code", code);
     }
 
     /// Notes an event, which is published once the ledger has it.
@@ -299,6 +319,14 @@ impl Job {
         self.live().outcome.clone()
     }
 
+    /// Its linear picture has left; its file has not.
+    pub fn lose_picture(&self) {
+        let mut live = self.live();
+        if let Some(outcome) = &mut live.outcome {
+            Arc::make_mut(outcome).picture = None;
+        }
+    }
+
     /// Why it failed.
     pub fn problem(&self) -> Option<Problem> {
         self.live().problem.clone()
@@ -334,6 +362,7 @@ impl Job {
             "queue_position": queue_position,
             "progress": live.progress,
             "report": live.outcome.as_ref().map(|outcome| &outcome.record.report),
+            "linear_picture": live.outcome.as_ref().is_some_and(|outcome| outcome.picture.is_some()),
             "problem": live.problem,
             "links": {
                 "self": link(""),

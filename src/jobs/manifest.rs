@@ -25,6 +25,23 @@ pub struct Item {
     pub priority: i32,
     /// Address that is told of its end.
     pub webhook: Option<String>,
+    /// Where all this is written.
+    pub origin: Origin,
+}
+
+/// Where the parts of an item stand in its manifest: JSON pointers within the item, and in the manifest. The first one that fits
+/// counts.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Origin(Vec<(&'static str, String)>);
+
+impl Origin {
+    /// The same fault, at its place in the manifest.
+    pub fn place(&self, fault: FieldError) -> FieldError {
+        let within =
+            |part: &str| fault.pointer.strip_prefix(part).filter(|rest| rest.is_empty() || rest.starts_with('/'));
+        let placed = self.0.iter().find_map(|(part, place)| within(part).map(|rest| format!("{place}{rest}")));
+        FieldError { pointer: placed.unwrap_or(fault.pointer), detail: fault.detail }
+    }
 }
 
 /// Who is to be told of a job's end.
@@ -40,7 +57,7 @@ pub struct Webhook {
 pub enum ManifestError {
     /// It is no JSON.
     Syntax(String),
-    /// Fields at fault: `/items/3/params/width` for the fourth render.
+    /// Fields at fault: `/items/3/params/width` for the fourth line, `/cameras/1/index` of a matrix.
     Fields(Vec<FieldError>),
 }
 
@@ -82,14 +99,23 @@ struct Matrix {
     webhook: Option<Webhook>,
 }
 
-/// Reads either form: a matrix is one JSON object that has `scenes`.
+/// Reads either form: a matrix is one JSON object that has `scenes`, on as many lines as it likes. What is neither is told of as what
+/// it was most likely meant to be.
 ///
 /// # Errors
 /// As [`from_lines`] and [`from_matrix`].
 pub fn read(text: &str, most: usize) -> Result<Vec<Item>, ManifestError> {
+    let is_render = |line: &str| params::json(line, "").is_ok_and(|value| value.get("scene").is_some());
+    let is_one_line = text.lines().filter(|line| !line.trim().is_empty()).count() <= 1;
     match params::json(text, "") {
         Ok(value) if value.get("scenes").is_some() => from_matrix(&value, most),
-        _ => from_lines(text, most),
+        _ if is_one_line || text.lines().any(is_render) => from_lines(text, most),
+        Ok(value) if value.get("scene").is_some() => Err(ManifestError::Syntax(
+            "a render has to stand on one line, and this one has several; a matrix has `scenes`".to_owned(),
+        )),
+        Ok(value) => from_matrix(&value, most),
+        Err(JsonError::Syntax(error)) => Err(ManifestError::Syntax(error)),
+        Err(JsonError::Twice(fault)) => Err(ManifestError::Fields(vec![fault])),
     }
 }
 
@@ -102,16 +128,20 @@ pub fn from_lines(text: &str, most: usize) -> Result<Vec<Item>, ManifestError> {
     check_count(lines().count(), most)?;
     let mut draft = Draft::default();
     for (index, (number, line)) in lines().enumerate() {
+        if draft.faults.len() >= MOST_FAULTS {
+            break;
+        }
         let root = format!("/items/{index}");
+        let origin = Origin(vec![("", root.clone())]);
         let value = match params::json(line, &root) {
             Ok(value) => value,
             Err(JsonError::Syntax(error)) => {
                 // Its own line number is 1 always.
-                let place = error.rsplit_once(" column ").map_or("", |(_, column)| column);
-                return Err(ManifestError::Syntax(format!("line {}, column {place}: {error}", number + 1)));
+                let (what, column) = error.rsplit_once(" at line 1 column ").unwrap_or((&error, "1"));
+                return Err(ManifestError::Syntax(format!("{what} at line {} column {column}", number + 1)));
             }
             Err(JsonError::Twice(fault)) => {
-                draft.faults.push(fault);
+                draft.note(fault);
                 continue;
             }
         };
@@ -119,13 +149,10 @@ pub fn from_lines(text: &str, most: usize) -> Result<Vec<Item>, ManifestError> {
             Ok(line) => {
                 let Line { scene, name, params, priority, webhook } = line;
                 let name = name.unwrap_or_else(|| format!("{index:04}"));
-                draft.add(
-                    &root,
-                    &params,
-                    Item { name, scene, priority, webhook: webhook.map(|hook| hook.url), ..Item::default() },
-                );
+                let webhook = webhook.map(|webhook| webhook.url);
+                draft.add(&params, Item { name, scene, priority, webhook, origin, ..Item::default() });
             }
-            Err(fault) => draft.faults.push(below(&root, fault)),
+            Err(fault) => draft.note(origin.place(fault)),
         }
     }
     draft.finish()
@@ -153,25 +180,26 @@ pub fn from_matrix(value: &Value, most: usize) -> Result<Vec<Item>, ManifestErro
             [place(matrix.lights.len()), place(matrix.variants.len()), place(matrix.cameras.len())];
         let scene = place(matrix.scenes.len());
         let mut params = matrix.params.clone();
-        let mut parts = Vec::new();
+        let (mut parts, mut origin) = (Vec::new(), vec![("/scene", format!("/scenes/{scene}"))]);
         if matrix.scenes.len() > 1 {
             parts.push(format!("scene{scene}"));
         }
         let given = [
-            ("camera", &matrix.cameras, camera),
-            ("variant", &matrix.variants, variant),
-            ("lights", &matrix.lights, lights),
+            ("camera", "/params/camera", "cameras", &matrix.cameras, camera),
+            ("variant", "/params/variant", "variants", &matrix.variants, variant),
+            ("lights", "/params/lights", "lights", &matrix.lights, lights),
         ];
-        for (field, axis, at) in given {
-            let (Some(choice), Some(params)) = (axis.get(at), params.as_object_mut()) else { continue };
+        for (field, part, axis, choices, at) in given {
+            let (Some(choice), Some(params)) = (choices.get(at), params.as_object_mut()) else { continue };
             params.insert(field.to_owned(), choice.clone());
             parts.push(format!("{field}{at}"));
+            origin.push((part, format!("/{axis}/{at}")));
         }
         let name = if parts.is_empty() { "picture".to_owned() } else { parts.join("_") };
         let scene = matrix.scenes.get(scene).cloned().unwrap_or_default();
         let webhook = matrix.webhook.as_ref().map(|webhook| webhook.url.clone());
-        let item = Item { name, scene, priority: matrix.priority, webhook, ..Item::default() };
-        draft.add(&format!("/items/{index}"), &params, item);
+        let origin = Origin(origin);
+        draft.add(&params, Item { name, scene, priority: matrix.priority, webhook, origin, ..Item::default() });
     }
     draft.finish()
 }
@@ -194,35 +222,35 @@ struct Draft {
 
 impl Draft {
     /// Adds an item, whose parameters are still JSON.
-    fn add(&mut self, root: &str, params: &Value, item: Item) {
-        if self.faults.len() >= MOST_FAULTS {
-            return;
-        }
+    fn add(&mut self, params: &Value, item: Item) {
         let name = &item.name;
+        let at_name = |detail: String| item.origin.place(FieldError::new("/name", detail));
         let plain = name.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.'));
         if !plain || !name.starts_with(|c: char| c.is_ascii_alphanumeric()) || name.len() > LONGEST_NAME {
             let detail = format!(
                 "must be 1 to {LONGEST_NAME} letters, digits, `-`, `_` or `.`, beginning with a letter or a digit"
             );
-            self.faults.push(FieldError::new(format!("{root}/name"), detail));
+            self.note(at_name(detail));
         } else if !self.names.insert(name.to_ascii_lowercase()) {
             let detail = format!("another item is named `{name}` (files of such names may be one)");
-            self.faults.push(FieldError::new(format!("{root}/name"), detail));
+            self.note(at_name(detail));
         }
         match params::from_json(&params.to_string()) {
             Ok(params) => self.items.push(Item { params, ..item }),
-            Err(faults) => self.faults.extend(faults.into_iter().map(|fault| below(root, fault))),
+            Err(faults) => faults.into_iter().for_each(|fault| self.note(item.origin.place(fault))),
+        }
+    }
+
+    /// Notes a fault once: all items of a matrix share what is written once.
+    fn note(&mut self, fault: FieldError) {
+        if self.faults.len() < MOST_FAULTS && !self.faults.contains(&fault) {
+            self.faults.push(fault);
         }
     }
 
     fn finish(self) -> Result<Vec<Item>, ManifestError> {
         if self.faults.is_empty() { Ok(self.items) } else { Err(ManifestError::Fields(self.faults)) }
     }
-}
-
-/// The same fault, of a part.
-pub fn below(root: &str, fault: FieldError) -> FieldError {
-    FieldError { pointer: format!("{root}{}", fault.pointer), ..fault }
 }
 
 #[cfg(test)]
@@ -263,6 +291,36 @@ mod tests {
     }
 
     #[test]
+    fn faults_of_a_matrix_are_where_they_are_written() {
+        let matrix = r#"{"scenes": ["a", "b"], "params": {"widht": 1, "camera": {"foo": 1}},
+            "cameras": [null, {"orbit": {"azimuth": 1}}], "lights": [[], [{"type": "ambient"}, {"type": "lamp"}]], "variants": [7]}"#;
+        let mut places = pointers(read(matrix, 99));
+        places.sort_unstable();
+        assert_eq!(places, ["/cameras/1/orbit/azimuth", "/lights/1/1/type", "/params/widht", "/variants/0"]);
+        let items = read(r#"{"scenes": ["a"], "cameras": [{}, {"blades": 2}], "params": {"width": 0}}"#, 9).unwrap();
+        let faults = items[1].params.validate(&params::ParamLimits::default()).unwrap_err();
+        let mut places: Vec<String> = faults.into_iter().map(|fault| items[1].origin.place(fault).pointer).collect();
+        places.sort_unstable();
+        assert_eq!(places, ["/cameras/1/blades", "/params/width"]);
+        assert_eq!(items[1].origin.place(FieldError::new("/scene", "")).pointer, "/scenes/0");
+    }
+
+    #[test]
+    fn what_spans_lines_is_told_of_as_a_matrix() {
+        let syntax = |text| match read(text, 9) {
+            Err(ManifestError::Syntax(text)) => text,
+            other => panic!("{other:?}"),
+        };
+        let unclosed =
+            "{\n  \"scenes\": [\"a\"],\n  \"params\": {\"width\": 640\n  \"cameras\": [\n    {\"orbit\": {}}\n  ]\n}\n";
+        assert!(syntax(unclosed).ends_with("at line 4 column 3"), "{}", syntax(unclosed));
+        assert_eq!(pointers(read("{\n  \"scnees\": [\"a\"]\n}", 9)), ["/scnees"]);
+        assert_eq!(pointers(read("{\n \"scenes\": [\"a\"],\n \"scenes\": []\n}", 9)), ["/scenes"]);
+        assert!(syntax("{\n  \"scene\": \"a\"\n}").contains("one line"));
+        assert_eq!(pointers(read("null", 9)), ["/items/0"]);
+    }
+
+    #[test]
     fn faults_have_their_places() {
         let line = |more: &str| format!("{{\"scene\": \"a\"{more}}}\n");
         let two = [line(""), line(", \"params\": {\"widht\": 1}")].concat();
@@ -281,7 +339,7 @@ mod tests {
         let huge = json!({"scenes": ["a"], "cameras": vec![Value::Null; 4000], "lights": vec![json!([]); 4000], "variants": vec![Value::Null; 4000]});
         assert_eq!(pointers(read(&huge.to_string(), 9)), ["/items"]);
         assert!(
-            matches!(read("{\"scene\": \"a\"}\n{", 9), Err(ManifestError::Syntax(text)) if text.starts_with("line 2"))
+            matches!(read("{\"scene\": \"a\"}\n{", 9), Err(ManifestError::Syntax(text)) if text.ends_with("at line 2 column 1"))
         );
         assert_eq!(pointers(read(&line(", \"params\": {\"widht\": 1}").repeat(500), 900)).len(), MOST_FAULTS);
     }

@@ -36,8 +36,8 @@ pub struct Outcome {
     pub record: Record,
     /// The file in the format of the request.
     pub file: BlobRef,
-    /// A [`Developed`], from which every format is made.
-    pub picture: BlobRef,
+    /// A [`Developed`], from which every other format is made; none: it has left to make room.
+    pub picture: Option<BlobRef>,
 }
 
 /// The report of a render in the forms in which it leaves the server.

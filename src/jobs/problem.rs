@@ -84,6 +84,8 @@ codes! {
     JobCancelled = "job_cancelled", 409, "The job was cancelled";
     /// A job of the same id is there, and is another one.
     JobConflict = "job_conflict", 409, "There is another job of this id";
+    /// Another format or an AOV is asked for too late.
+    LinearPictureGone = "linear_picture_gone", 410, "The linear picture of the job has left";
     /// The body is larger than the server reads.
     PayloadTooLarge = "payload_too_large", 413, "The body is too large";
     /// The body is of a type that the route does not read.
@@ -98,6 +100,8 @@ codes! {
     InvalidImage = "invalid_image", 422, "The image cannot be read";
     /// What reads scenes did not get through it.
     ImportFailed = "import_failed", 422, "The scene could not be imported";
+    /// What renders was ended by it, again and again.
+    RenderFailed = "render_failed", 422, "The render ends what renders it";
     /// The scene does not fit the device or the memory of a job.
     RenderTooLarge = "render_too_large", 422, "The render does not fit this server";
     /// A fault of the server.
@@ -139,10 +143,19 @@ impl Problem {
         Self::build(code.id(), code.status(), code.title(), detail.into())
     }
 
-    /// Faults of parameters, each with its place.
-    pub fn fields(code: Code, errors: Vec<FieldError>) -> Self {
-        let detail = errors.iter().map(FieldError::to_string).collect::<Vec<_>>().join("; ");
+    /// Faults of parameters, each with its place; the whole of a body is none.
+    pub fn fields(code: Code, mut errors: Vec<FieldError>) -> Self {
+        let detail = said(&errors);
+        errors.retain(|fault| !fault.pointer.is_empty());
         Self { errors, ..Self::new(code, detail) }
+    }
+
+    /// The same fault of a part: `place` puts the places where that part stands.
+    pub fn within(self, part: &str, place: impl Fn(FieldError) -> FieldError) -> Self {
+        let tells_of_places = self.detail == said(&self.errors);
+        let errors: Vec<FieldError> = self.errors.into_iter().map(place).collect();
+        let detail = if tells_of_places { said(&errors) } else { self.detail };
+        Self { errors, detail: format!("{part}: {detail}"), ..self }
     }
 
     /// The same, to be tried again after some seconds.
@@ -161,6 +174,10 @@ impl Problem {
             retry_after: None,
         }
     }
+}
+
+fn said(errors: &[FieldError]) -> String {
+    errors.iter().map(FieldError::to_string).collect::<Vec<_>>().join("; ")
 }
 
 impl From<SceneError> for Problem {

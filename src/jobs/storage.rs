@@ -192,7 +192,7 @@ impl Storage {
     ) -> Result<bool, Problem> {
         let developed = developed.to_bytes().map_err(|error| fault(&error))?;
         let _gate = self.gate.read().await;
-        let outcome = Outcome { record, file: self.put(file).await?, picture: self.put(developed).await? };
+        let outcome = Outcome { record, file: self.put(file).await?, picture: Some(self.put(developed).await?) };
         let changed = job.succeed(Arc::new(outcome), false);
         job.settled().await;
         Ok(changed)
@@ -231,12 +231,14 @@ impl Storage {
         self.blobs.get(id).await.map_err(|error| fault(&error))
     }
 
-    /// Lets go of what is beyond the bounds; says what has left.
-    pub async fn tidy(&self, kept: Kept) -> Result<Leaving, Problem> {
+    /// Lets go of what is beyond the bounds. `tell` hears what leaves as soon as the ledger has dropped it, while its files are still
+    /// there.
+    pub async fn tidy(&self, kept: Kept, tell: impl FnOnce(&Leaving)) -> Result<(), Problem> {
         let _gate = self.gate.write().await;
         let leaving = self.ledger.ask(move |c| Leaving::choose(c, &kept)).await.map_err(|error| fault(&error))?;
         if !leaving.is_empty() {
             self.forget(&leaving).await?;
+            tell(&leaving);
         }
         let unused = self.ledger.ask(unused_blobs).await.map_err(|error| fault(&error))?;
         if !unused.is_empty() {
@@ -246,7 +248,7 @@ impl Storage {
         for id in &unused {
             self.blobs.delete(id).await.map_err(|error| fault(&error))?;
         }
-        Ok(leaving)
+        Ok(())
     }
 
     /// Forgets jobs that are over, batches and uploads.

@@ -8,7 +8,7 @@ use super::saved::ENGINE_VERSION;
 use super::scenes::content_id;
 use super::table::Admission;
 use super::{RETRY_SECONDS, Service};
-use crate::params::{FieldError, RenderParams};
+use crate::params::{FieldError, ImageFormat, RenderParams};
 use std::sync::Arc;
 
 /// An order, and how it was given.
@@ -28,6 +28,8 @@ pub struct Submission {
     pub quota: Option<u64>,
     /// Whether to render even if the same picture was made before.
     pub anew: bool,
+    /// Format in which whoever waits wants the picture; none: nobody waits, or that of the parameters.
+    pub format: Option<ImageFormat>,
     /// Address that is told of the job's end.
     pub webhook: Option<String>,
 }
@@ -35,7 +37,17 @@ pub struct Submission {
 impl Submission {
     /// A plain one.
     pub fn new(order: Order, client: String) -> Self {
-        Self { order, id: None, key: None, client, attended: false, quota: None, anew: false, webhook: None }
+        Self {
+            order,
+            id: None,
+            key: None,
+            client,
+            attended: false,
+            quota: None,
+            anew: false,
+            format: None,
+            webhook: None,
+        }
     }
 }
 
@@ -58,7 +70,7 @@ impl Service {
     /// Accepts a job once the ledger has it, or refuses it at once. A job that is there already is handed out again.
     pub async fn submit(&self, submission: Submission) -> Result<Arc<Job>, Problem> {
         self.refuse_when_draining()?;
-        let Submission { order, id, key, client, attended, quota, anew, webhook } = submission;
+        let Submission { order, id, key, client, attended, quota, anew, format, webhook } = submission;
         self.check(&order.params, order.priority)?;
         self.check_webhook(webhook.as_deref())?;
         let taken = self.core.usage.take(&client, 1, quota)?;
@@ -79,7 +91,7 @@ impl Service {
             webhook,
         };
         let ledger = &self.core.storage.ledger;
-        let shares = self.core.limits.result_cache && !anew;
+        let shares = self.core.limits.result_cache && !anew && self.can_give(&spec, format);
         let admission = self.core.table.admit(spec.clone(), shares, |spec| {
             let (job, change) = Job::new(spec, ledger.clone(), Arc::clone(&self.core.meters));
             (job, ledger.commit(change))
@@ -158,6 +170,13 @@ impl Service {
             tokio::spawn(self.clone().compile(Arc::clone(job), order, None));
         }
         Ok(())
+    }
+
+    /// Whether results of others, if there are any, can be given in a format.
+    fn can_give(&self, spec: &Spec, format: Option<ImageFormat>) -> bool {
+        let is_linear = |job: &Job| job.outcome().is_some_and(|outcome| outcome.picture.is_some());
+        let is_its_own = format.is_none_or(|format| format == spec.params.output.format);
+        is_its_own || self.core.table.result_of(&spec.content).is_none_or(|other| is_linear(&other))
     }
 
     /// Ends a job with the result of another that asked for the same; false if there is none.

@@ -199,6 +199,12 @@ impl Table {
         }
     }
 
+    /// Notes that the linear pictures of jobs have left.
+    pub fn lose_pictures(&self, jobs: &[i64]) {
+        let rows = self.rows();
+        jobs.iter().filter_map(|number| rows.jobs.get(*number)).for_each(|job| job.lose_picture());
+    }
+
     /// Jobs that wait: those that were asked for one by one, and those of batches.
     pub fn waiting(&self) -> (usize, usize) {
         self.rows().waiting()

@@ -1,7 +1,7 @@
 //! What leaves when it is too old or too much.
 
 use super::Core;
-use super::ledger::Kept;
+use super::ledger::{Kept, Leaving};
 use crate::config::Limits;
 use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
@@ -19,17 +19,22 @@ pub(super) async fn keep_tidy(core: Weak<Core>) {
         let _ = tokio::time::timeout(TIDY_PERIOD, tidy.notified()).await;
         let Some(core) = core.upgrade() else { return };
         let begun = Instant::now();
-        if let Ok(left) = core.storage.tidy(kept(&core.limits, core.storage.is_durable())).await {
-            core.table.forget(&left.jobs, &left.batches);
-            for id in &left.scenes {
-                core.scenes.remove(id);
-            }
-            for id in &left.images {
-                core.images.remove(id);
-            }
-        }
+        let kept = kept(&core.limits, core.storage.is_durable());
+        // What could not be done is tried again the next time; the log says why.
+        let _ = core.storage.tidy(kept, |leaving| forget(&core, leaving)).await;
         drop(core);
         tokio::time::sleep(begun.elapsed() * (SHARE - 1)).await;
+    }
+}
+
+fn forget(core: &Core, leaving: &Leaving) {
+    core.table.forget(&leaving.jobs, &leaving.batches);
+    core.table.lose_pictures(&leaving.pictures);
+    for id in &leaving.scenes {
+        core.scenes.remove(id);
+    }
+    for id in &leaving.images {
+        core.images.remove(id);
     }
 }
 

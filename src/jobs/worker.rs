@@ -25,8 +25,9 @@ use tokio::sync::{Notify, oneshot};
 /// Makes an engine, on the thread that will own it; again after the device was lost.
 pub type EngineFactory = Box<dyn Fn() -> Result<Box<dyn Engine>, RenderError> + Send>;
 
-/// How often one job may meet a lost device.
-const LOSSES: u32 = 3;
+/// How often the device may be lost while it is one job's turn, and that job be tried again: the second time the job is taken for
+/// the cause. A loss may be its driver's or an operator's; a scene that costs each engine that it meets keeps all others waiting.
+const LOSSES: u32 = 1;
 
 /// What the worker is told.
 pub(super) enum Message {
@@ -206,8 +207,8 @@ impl Worker {
                     self.active.push(Active::new(ready, render, claim, expected, &before, &self.shared));
                 }
             }
-            Err(Fault::Render(RenderError::DeviceLost(detail))) => {
-                self.fail(&ready.job, Problem::new(Code::DeviceUnavailable, detail).retry_after(10));
+            Err(Fault::Render(RenderError::DeviceLost(why))) => {
+                self.fail(&ready.job, too_costly(&why));
                 self.recover(None);
             }
             Err(fault) => self.fail(&ready.job, fault.into()),
@@ -238,7 +239,7 @@ impl Worker {
     fn engine_begin(&mut self, work: &Work, film: Option<Film>) -> Result<Box<dyn Render>, Fault> {
         let engine = match &mut self.engine {
             Some(engine) => engine,
-            missing => missing.insert((self.factory)().map_err(Fault::Render)?),
+            missing => missing.insert((self.factory)().map_err(Fault::NoEngine)?),
         };
         let begun = guarded(|| engine.begin(work.clone(), film));
         if let Err(Fault::Render(RenderError::DeviceLost(_))) = begun {
@@ -270,7 +271,7 @@ impl Worker {
                 active.save_if_due(&self.shared);
             }
             Ok(Some(reason)) => self.end(turn, reason),
-            Err(Fault::Render(RenderError::DeviceLost(_))) => self.recover(Some(turn)),
+            Err(Fault::Render(RenderError::DeviceLost(why))) => self.recover(Some((turn, &why))),
             Err(fault) => {
                 let active = self.active.swap_remove(turn);
                 self.fail(&active.ready.job, fault.into());
@@ -310,23 +311,27 @@ impl Worker {
     }
 
     /// The device is lost, and with it every render: makes a new one and goes on from the films. `turn`: the render that met
-    /// the loss; if it does so often, it is taken for the cause.
-    fn recover(&mut self, turn: Option<usize>) {
+    /// the loss, and how; if it does so again, it is taken for the cause.
+    fn recover(&mut self, turn: Option<(usize, &str)>) {
         self.engine = None;
         self.shared.meters.lost.inc();
         for (place, mut active) in std::mem::take(&mut self.active).into_iter().enumerate() {
-            active.losses += u32::from(turn == Some(place));
+            let met = turn.filter(|(turn, _)| *turn == place).map(|(_, why)| why);
+            active.losses += u32::from(met.is_some());
             let Ok(film) = guarded(|| Ok(active.render.into_film())) else {
                 self.fail(&active.ready.job, Fault::Panic.into());
                 continue;
             };
-            let again = if active.losses > LOSSES {
-                Err(Fault::Render(RenderError::DeviceLost(format!("lost more than {LOSSES} times during this job"))))
-            } else {
-                self.engine_begin(&active.ready.prepared.work, Some(film))
-            };
+            if let Some(why) = met.filter(|_| active.losses > LOSSES) {
+                self.fail(&active.ready.job, too_costly(why));
+                continue;
+            }
+            let again = self.engine_begin(&active.ready.prepared.work, Some(film));
             match again {
-                Ok(render) => self.active.push(Active { render, ..active }),
+                Ok(render) => {
+                    active.render = render;
+                    self.active.push(active);
+                }
                 Err(fault) => self.fail(&active.ready.job, fault.into()),
             }
         }
@@ -342,14 +347,28 @@ impl Worker {
 /// Why a render could not go on.
 enum Fault {
     Render(RenderError),
+    /// There is nothing to render on.
+    NoEngine(RenderError),
     Panic,
+}
+
+/// What is said of a job that costs one engine after the other.
+fn too_costly(why: &str) -> Problem {
+    let times = LOSSES + 1;
+    let detail = format!(
+        "what renders was lost {times} times while it was this job's turn, the last time so: {why}. The job is taken for the cause and not \
+         tried again; other jobs go on. Make the scene simpler (many triangles or spheres in one place cost most), or the picture smaller"
+    );
+    Problem::new(Code::RenderFailed, detail)
 }
 
 impl From<Fault> for Problem {
     fn from(fault: Fault) -> Self {
         match fault {
             Fault::Render(error @ RenderError::TooLarge(_)) => Self::new(Code::RenderTooLarge, error.to_string()),
-            Fault::Render(error) => Self::new(Code::DeviceUnavailable, error.to_string()).retry_after(10),
+            Fault::Render(error) | Fault::NoEngine(error) => {
+                Self::new(Code::DeviceUnavailable, error.to_string()).retry_after(10)
+            }
             Fault::Panic => Self::new(Code::Internal, "the render failed by a fault of the server; other jobs go on"),
         }
     }

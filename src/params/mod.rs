@@ -4,6 +4,8 @@
 //! Angles are in degrees where the name says so, lengths in scene units, colours linear Rec. 709.
 
 mod biases;
+mod environment;
+mod images;
 mod lights;
 mod parse;
 mod preview;
@@ -14,6 +16,7 @@ mod surfaces;
 mod validate;
 mod wording;
 
+pub use environment::{EnvironmentChoice, EnvironmentParams, GradientParams};
 pub use lights::{LightParams, SpotFalloff};
 pub use parse::{from_json, from_json_and_query, from_query, read};
 pub use preview::{
@@ -61,7 +64,7 @@ pub struct RenderParams {
     pub spheres: Vec<SphereParams>,
     /// Other values and maps for materials of the file.
     pub overrides: Vec<OverrideParams>,
-    /// Light from infinity. Absent: automatic (neutral when nothing else shines); `null`: none.
+    /// Light from infinity. Absent: automatic (neutral unless other light is enough for a picture); `null`: none.
     #[serde(skip_serializing_if = "EnvironmentChoice::is_auto")]
     pub environment: EnvironmentChoice,
     /// Samples per pixel at which the render stops, on the average of the picture.
@@ -260,79 +263,6 @@ impl Default for OrbitParams {
     fn default() -> Self {
         Self { azimuth_degrees: 30.0, elevation_degrees: 20.0, distance: None }
     }
-}
-
-/// What the request says about the environment.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub enum EnvironmentChoice {
-    /// Field absent: a neutral environment if nothing else shines, else none.
-    #[default]
-    Auto,
-    /// `null`: no environment.
-    None,
-    /// As given.
-    Given(EnvironmentParams),
-}
-
-impl EnvironmentChoice {
-    /// Whether the field was absent.
-    pub fn is_auto(&self) -> bool {
-        matches!(self, Self::Auto)
-    }
-}
-
-impl Serialize for EnvironmentChoice {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        match self {
-            Self::Auto | Self::None => serializer.serialize_none(),
-            Self::Given(params) => params.serialize(serializer),
-        }
-    }
-}
-
-impl<'de> Deserialize<'de> for EnvironmentChoice {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Ok(Option::<EnvironmentParams>::deserialize(deserializer)?.map_or(Self::None, Self::Given))
-    }
-}
-
-/// Light from infinity: exactly one of `hdri`, `constant`, `gradient`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct EnvironmentParams {
-    /// An equirectangular picture: file name of a part of the same form, or an id from `POST /v1/images`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub hdri: Option<String>,
-    /// The same radiance from everywhere.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub constant: Option<[f32; 3]>,
-    /// Radiance by height, linear in the direction's y: bottom at -1, horizon at 0, top at 1.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub gradient: Option<GradientParams>,
-    /// Factor on all radiance.
-    pub intensity: f32,
-    /// Turns the environment about +y.
-    pub rotation_degrees: f64,
-    /// Whether the camera sees it where nothing else is.
-    pub visible: bool,
-}
-
-impl Default for EnvironmentParams {
-    fn default() -> Self {
-        Self { hdri: None, constant: None, gradient: None, intensity: 1.0, rotation_degrees: 0.0, visible: true }
-    }
-}
-
-/// Radiance of a sky that depends on height alone.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct GradientParams {
-    /// Straight up.
-    pub top: [f32; 3],
-    /// At the horizon.
-    pub horizon: [f32; 3],
-    /// Straight down.
-    pub bottom: [f32; 3],
 }
 
 /// Reconstruction filter, importance sampled per pixel (so that pixels stay independent).

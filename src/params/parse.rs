@@ -2,7 +2,7 @@
 
 use super::query::overlay;
 use super::strict::{self, JsonError};
-use super::{FieldError, RenderParams};
+use super::{FieldError, RenderParams, wording};
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 use serde_path_to_error::{Path, Segment};
@@ -44,7 +44,8 @@ pub fn from_json_and_query<'a>(
         JsonError::Twice(fault) => vec![fault],
     })?;
     if !value.is_object() {
-        return Err(vec![FieldError::new("/params", "must be a JSON object, like {\"width\": 640}")]);
+        let detail = format!("must be a JSON object, like {{\"width\": 640}}, and is {}", wording::kind(&value));
+        return Err(vec![FieldError::new("/params", detail)]);
     }
     overlay(&mut value, pairs)?;
     from_value(value)
@@ -120,7 +121,7 @@ fn faultless(list: &str) -> Value {
 /// The first fault.
 pub fn read<T: DeserializeOwned>(value: &Value) -> Result<T, FieldError> {
     if !value.is_object() {
-        return Err(FieldError::new("", "must be a JSON object"));
+        return Err(FieldError::new("", format!("must be a JSON object, and is {}", wording::kind(value))));
     }
     serde_path_to_error::deserialize(value).map_err(|error| Fault::new("", &error).error)
 }
@@ -158,12 +159,12 @@ impl Fault {
         let is_unknown_field = message.starts_with("unknown field");
         // serde places these at the object that they were looked for in.
         if (is_unknown_field || message.starts_with("missing field"))
-            && let Some(field) = quoted(&message).next()
+            && let Some(field) = wording::quoted(&message).next()
             && path.last().is_none_or(|last| last != field)
         {
             path.push(field.to_owned());
         }
-        let mut detail = explain(&message);
+        let mut detail = wording::explain(&message);
         if COUNTS.contains(&path.concat().as_str()) {
             detail = detail.replace("not negative", "1 or more");
         }
@@ -218,31 +219,6 @@ fn name(segment: &Segment) -> Option<String> {
 /// RFC 6901.
 fn escaped(name: &str) -> String {
     name.replace('~', "~0").replace('/', "~1")
-}
-
-/// Rust's words turned into those of JSON, with the nearest name where a name is wrong.
-fn explain(message: &str) -> String {
-    let mut text = super::wording::of_kinds(message).unwrap_or_else(|| message.to_owned());
-    if message.starts_with("unknown field") || message.starts_with("unknown variant") {
-        let mut names = quoted(message);
-        if let Some(wrong) = names.next()
-            && let Some(near) = nearest(wrong, names)
-        {
-            text = format!("{text}. Did you mean `{near}`?");
-        }
-    }
-    text
-}
-
-/// The words between backticks.
-fn quoted(message: &str) -> impl Iterator<Item = &str> {
-    message.split('`').skip(1).step_by(2)
-}
-
-/// The name that a typing mistake could have turned into `wrong`.
-fn nearest<'a>(wrong: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let scored = names.map(|name| (strsim::jaro_winkler(wrong, name), name));
-    scored.filter(|(likeness, _)| *likeness > 0.75).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, name)| name)
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! `name=value` pairs laid over a JSON value; [`super::from_query`] has the rules.
 
-use super::FieldError;
+use super::{FieldError, json};
 use serde_json::{Map, Value};
 use std::collections::HashSet;
 
@@ -32,7 +32,7 @@ pub(super) fn overlay<'a>(
 
 fn read(name: &str, text: &str) -> Value {
     let text_value = || Value::String(text.to_owned());
-    if TEXTS.contains(&name) { text_value() } else { serde_json::from_str(text).unwrap_or_else(|_| text_value()) }
+    if TEXTS.contains(&name) { text_value() } else { json(text, "").unwrap_or_else(|_| text_value()) }
 }
 
 fn set<'a>(target: &mut Value, mut path: impl Iterator<Item = &'a str>, value: Value) -> Result<(), String> {

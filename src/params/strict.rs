@@ -6,6 +6,9 @@ use serde_json::error::Category;
 use serde_json::{Map, Value};
 use std::fmt;
 
+/// Whole numbers up to this one are those that an f64 holds exactly.
+const EXACT: f64 = (1_u64 << 53) as f64;
+
 /// Why a text is not read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum JsonError {
@@ -59,8 +62,10 @@ impl<'de> Visitor<'de> for Reader {
         Ok(value.into())
     }
 
+    /// `1e5` and `2.0` are whole numbers, as JSON Schema has them.
     fn visit_f64<E>(self, value: f64) -> Result<Value, E> {
-        Ok(value.into())
+        let is_whole = value.fract() == 0.0 && value.abs() <= EXACT && !(value == 0.0 && value.is_sign_negative());
+        Ok(if is_whole { Value::from(value as i64) } else { value.into() })
     }
 
     fn visit_str<E>(self, value: &str) -> Result<Value, E> {
@@ -114,6 +119,12 @@ mod tests {
         };
         assert_eq!(twice(r#"{"width": 1, "height": 2, "width": 3}"#), "/params/width");
         assert_eq!(twice(r#"{"lights": [{}, {"a/b": [], "a/b": {}}]}"#), "/params/lights/1/a~1b");
+    }
+
+    #[test]
+    fn a_whole_number_may_be_written_in_any_way() {
+        let text = r#"[1e5, 2.0, -3e0, 1.5, 9007199254740993.0, 1e17, -0.0]"#;
+        assert_eq!(json(text, "").unwrap().to_string(), "[100000,2,-3,1.5,9007199254740992,1e+17,-0.0]");
     }
 
     #[test]

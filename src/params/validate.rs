@@ -1,14 +1,15 @@
 //! Ranges and combinations of parameters.
 
+use super::environment;
 use super::lights;
 use super::preview;
 use super::shutter;
 use super::surfaces;
 use super::{
-    CameraParams, EngineChoice, EnvironmentChoice, EnvironmentParams, Filter, ImageFormat, Mode, OrbitParams,
-    OutputParams, RenderParams,
+    CameraParams, EngineChoice, EnvironmentChoice, Filter, ImageFormat, Mode, OrbitParams, OutputParams, RenderParams,
 };
 use glam::DVec3;
+use std::fmt;
 use std::ops::RangeInclusive;
 
 /// Exposures beyond this many stops leave the range of f32.
@@ -22,9 +23,8 @@ const MAX_FILTER_RADIUS: f32 = 8.0;
 
 /// One fault of one field.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, serde::Serialize, serde::Deserialize)]
-#[error("{pointer}: {detail}")]
 pub struct FieldError {
-    /// JSON pointer, like `/params/width`.
+    /// JSON pointer, like `/params/width`; empty: the whole.
     pub pointer: String,
     /// What, why, how to fix.
     pub detail: String,
@@ -34,6 +34,13 @@ impl FieldError {
     /// A fault of the field at `pointer`.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         Self { pointer: pointer.into(), detail: detail.into() }
+    }
+}
+
+impl fmt::Display for FieldError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { pointer, detail } = self;
+        if pointer.is_empty() { write!(f, "the body {detail}") } else { write!(f, "{pointer}: {detail}") }
     }
 }
 
@@ -99,8 +106,8 @@ impl RenderParams {
             if let Some(camera) = &self.camera {
                 check.at("camera", |check| check_camera(check, camera));
             }
-            if let EnvironmentChoice::Given(environment) = &self.environment {
-                check.at("environment", |check| check_environment(check, environment));
+            if let EnvironmentChoice::Given(given) = &self.environment {
+                check.at("environment", |check| environment::check(check, given));
             }
             lights::check(check, &self.lights, limits.lights);
             surfaces::check(check, self, limits.spheres);
@@ -263,26 +270,6 @@ fn check_orbit(check: &mut Check, orbit: &OrbitParams) {
     check.positive(orbit.distance, "distance");
 }
 
-fn check_environment(check: &mut Check, environment: &EnvironmentParams) {
-    let kinds = [environment.hdri.is_some(), environment.constant.is_some(), environment.gradient.is_some()];
-    check.require(kinds.into_iter().filter(|&given| given).count() == 1, "", || {
-        "give exactly one of `hdri`, `constant` and `gradient`, or null for no environment".to_owned()
-    });
-    check.require(environment.hdri.as_deref() != Some(""), "hdri", || {
-        "must be a file name or the id of an image".to_owned()
-    });
-    check.light(&[environment.intensity], "intensity");
-    check.finite(&[environment.rotation_degrees], "rotation_degrees");
-    if let Some(constant) = &environment.constant {
-        check.light(constant, "constant");
-    }
-    if let Some(gradient) = &environment.gradient {
-        check.light(&gradient.top, "gradient/top");
-        check.light(&gradient.horizon, "gradient/horizon");
-        check.light(&gradient.bottom, "gradient/bottom");
-    }
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
@@ -344,21 +331,6 @@ pub(super) mod tests {
             assert_eq!(faults(&format!(r#"{{"camera": {camera}}}"#)), [format!("/params/camera{field}")], "{camera}");
         }
         assert!(faults(r#"{"camera": {"orbit": {"elevation_degrees": 90}, "target": [0, 1, 0]}}"#).is_empty());
-    }
-
-    #[test]
-    fn environments_are_of_one_kind() {
-        for (environment, field) in [
-            ("{}", ""),
-            (r#"{"constant": [1, 1, 1], "hdri": "a.hdr"}"#, ""),
-            (r#"{"hdri": ""}"#, "/hdri"),
-            (r#"{"constant": [1, -1, 1]}"#, "/constant"),
-            (r#"{"constant": [1, 1, 1], "intensity": -1}"#, "/intensity"),
-            (r#"{"gradient": {"top": [1, 1, 1], "horizon": [1, 1, -1], "bottom": [0, 0, 0]}}"#, "/gradient/horizon"),
-        ] {
-            let json = format!(r#"{{"environment": {environment}}}"#);
-            assert_eq!(faults(&json), [format!("/params/environment{field}")], "{environment}");
-        }
     }
 
     #[test]

@@ -1,4 +1,6 @@
-//! Serde's words for what was found and what was expected, turned into those of JSON.
+//! Serde's words for what was found and what was expected, turned into those of JSON, with the nearest name where one is wrong.
+
+use serde_json::Value;
 
 /// What Rust calls a kind of value, and what a user calls it.
 const EXPECTED: [(&str, &str); 12] = [
@@ -19,8 +21,33 @@ const EXPECTED: [(&str, &str); 12] = [
 const FOUND: [(&str, &str); 4] =
     [("map", "an object"), ("sequence", "an array"), ("null", "null"), ("unit value", "null")];
 
+/// Rust's words turned into those of JSON, with the nearest name where a name is wrong.
+pub fn explain(message: &str) -> String {
+    let mut text = of_kinds(message).unwrap_or_else(|| message.to_owned());
+    if message.starts_with("unknown field") || message.starts_with("unknown variant") {
+        let mut names = quoted(message);
+        if let Some(wrong) = names.next()
+            && let Some(near) = nearest(wrong, names)
+        {
+            text = format!("{text}. Did you mean `{near}`?");
+        }
+    }
+    text
+}
+
+/// The words between backticks.
+pub fn quoted(message: &str) -> impl Iterator<Item = &str> {
+    message.split('`').skip(1).step_by(2)
+}
+
+/// The name that a typing mistake could have turned into `wrong`.
+fn nearest<'a>(wrong: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let scored = names.map(|name| (strsim::jaro_winkler(wrong, name), name));
+    scored.filter(|(likeness, _)| *likeness > 0.75).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, name)| name)
+}
+
 /// The message of a value of the wrong kind or size; none: it is about something else.
-pub fn of_kinds(message: &str) -> Option<String> {
+fn of_kinds(message: &str) -> Option<String> {
     if let Some(rest) = message.strip_prefix("invalid length ") {
         let (length, expected) = rest.split_once(", expected ")?;
         return Some(format!("has {length} entries; expected {expected}"));
@@ -31,6 +58,18 @@ pub fn of_kinds(message: &str) -> Option<String> {
     let is_object = expected.starts_with("struct ") || expected.contains("tagged enum");
     let expected = known.unwrap_or(if is_object { "an object" } else { expected });
     Some(format!("is {}; expected {expected}", found_words(found)))
+}
+
+/// What a value is.
+pub fn kind(value: &Value) -> &'static str {
+    match value {
+        Value::Null => "null",
+        Value::Bool(_) => "a boolean",
+        Value::Number(_) => "a number",
+        Value::String(_) => "a text",
+        Value::Array(_) => "an array",
+        Value::Object(_) => "an object",
+    }
 }
 
 fn found_words(found: &str) -> String {

@@ -36,13 +36,15 @@ pub fn prepare(
     hdri: Option<Arc<Hdri>>,
 ) -> Result<Prepared, CompileError> {
     let (view, mut defaults) = compile::view(scene, &compiled, params)?;
-    let (lighting, defaults_of_light) = compile::light(scene, &compiled, params, hdri)?;
+    let compile::Lit { lighting, defaults: defaults_of_light, warning } =
+        compile::light(scene, &compiled, params, hdri)?;
     defaults.extend(defaults_of_light);
     let features = compile::features(&compiled, &lighting, &view, params);
     defaults.extend(default_moment(scene, params));
     let mut warnings = scene.warnings.clone();
     warnings.extend(nothing_moves(scene, params));
     warnings.extend(shutter_ignored(params));
+    warnings.extend(warning);
     warnings.extend(blackness(&compiled, &lighting, features.unlit).or_else(|| nothing_in_view(&compiled, &view)));
     warnings.extend(beyond_glass(&features));
     let mut biases = params.biases();

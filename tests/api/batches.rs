@@ -158,8 +158,19 @@ fn what_is_wrong_is_said_and_nothing_is_begun() {
     let image = json!({ "environment": { "hdri": "sha256-none" } });
     assert_eq!(pointer(&post(lines, &line(&scene, "a", &image)), "invalid_params"), "/items/0/params/environment/hdri");
     assert_eq!(pointer(&post(lines, ""), "invalid_params"), "/items");
+    let matrix = |cameras: Value, scene: &str| {
+        post("application/json", &json!({ "scenes": [scene], "cameras": cameras, "params": tiny() }).to_string())
+    };
+    assert_eq!(pointer(&matrix(json!([{}, { "index": "a" }]), &scene), "invalid_params"), "/cameras/1/index");
+    let wide = matrix(json!([null, { "yfov_degrees": 500 }]), &scene).problem(422, "invalid_params");
+    assert_eq!(wide["errors"][0]["pointer"], "/cameras/1/yfov_degrees", "what is checked later, too");
+    assert!(wide["detail"].as_str().is_some_and(|detail| detail.starts_with("`camera1`: /cameras/1")), "{wide}");
+    let unknown = matrix(json!([]), "sha256-none").problem(404, "scene_not_found");
+    assert_eq!(unknown["errors"][0]["pointer"], "/scenes/0");
     assert_eq!(pointer(&post("application/json", "{\"scenes\": []}"), "invalid_params"), "/items");
-    post(lines, "{\"scene\": ").problem(400, "malformed_json");
+    let cut = post(lines, &[good.as_str(), "{\"scene\": "].concat()).problem(400, "malformed_json");
+    assert!(cut["detail"].as_str().is_some_and(|detail| detail.matches("line").count() == 1), "{cut}");
+    assert!(cut["detail"].as_str().is_some_and(|detail| detail.ends_with("at line 2 column 10")), "{cut}");
     post("application/json", "[").problem(400, "malformed_json");
     post("text/plain", &good).problem(415, "unsupported_media_type");
     server.get("/v1/batches/none").problem(404, "batch_not_found");
@@ -231,6 +242,78 @@ fn the_jobs_of_a_batch_leave_together() {
     std::thread::sleep(Duration::from_millis(300));
     server.get(path).problem(404, "batch_not_found");
     assert_eq!(server.get("/v1/jobs").json()["items"].as_array().map(Vec::len), Some(2));
+}
+
+/// Room for the files of some tiny pictures and the linear picture of one.
+fn cramped() -> Limits {
+    Limits { kept_result_bytes: 6_000, ..Limits::default() }
+}
+
+#[test]
+fn linear_pictures_of_a_batch_leave_one_by_one_and_all_files_stay() {
+    let server = Server::with(cramped(), engine::faulty(engine::Fault::None, 0), Duration::ZERO);
+    let scene = server.upload();
+    let params = |seed: usize| json!({ "width": 16, "height": 8, "max_samples": 4, "seed": seed });
+    let lines: Vec<String> = (0..4).map(|n| line(&scene, &format!("n{n}"), &params(n))).collect();
+    let batch = begin(&server, &lines);
+    let batch = finished(&server, &batch["id"]);
+    let jobs: Vec<&str> = batch["items"].as_array().unwrap().iter().map(|item| item["job"].as_str().unwrap()).collect();
+    std::thread::sleep(Duration::from_millis(300));
+    let result = |job: &str, query: &str, accept: &str| {
+        server.send("GET", &format!("/v1/jobs/{job}/result{query}"), &[("accept", accept)], &[])
+    };
+    let (gone, kept): (Vec<&str>, Vec<&str>) =
+        jobs.iter().partition(|job| server.job(job)["linear_picture"] == json!(false));
+    assert!(!gone.is_empty() && !kept.is_empty(), "{gone:?} {kept:?}");
+    for job in &gone {
+        assert_eq!(result(job, "", "image/png").status, 200);
+        assert_eq!(result(job, "", "image/webp, image/*;q=0.1").header("content-type"), Some("image/png"));
+        for (query, accept) in [("", "image/x-exr"), ("?aov=samples", "*/*")] {
+            let problem = result(job, query, accept).problem(410, "linear_picture_gone");
+            assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("no-cache")), "{problem}");
+        }
+    }
+    for job in kept {
+        assert_eq!(result(job, "", "image/x-exr").status, 200);
+    }
+    let files = entries(&server.get(batch["links"]["results"].as_str().expect("a link")));
+    assert_eq!(files.len(), 5, "all pictures and the index");
+    // Who waits for another format of what has left gets it, rendered anew to the same picture.
+    let number = jobs.iter().position(|job| *job == gone[0]).expect("one of them");
+    let body = json!({ "scene": scene, "params": params(number) }).to_string();
+    let post = |accept: &str| {
+        let headers = [("content-type", "application/json"), ("prefer", "wait=30"), ("accept", accept)];
+        server.send("POST", "/v1/jobs", &headers, body.as_bytes())
+    };
+    let exr = post("image/x-exr");
+    assert_eq!((exr.status, exr.header("content-type")), (200, Some("image/x-exr")), "{exr:?}");
+    assert!(post("image/png").body == files[number].1);
+}
+
+#[test]
+fn a_lost_linear_picture_stays_lost_over_a_restart() {
+    let folder = tempfile::tempdir().unwrap();
+    let start =
+        || Server::in_folder(Some(folder.path()), cramped(), engine::faulty(engine::Fault::None, 0), Duration::ZERO);
+    let mut id = String::new();
+    {
+        let server = start();
+        let scene = server.upload();
+        for seed in 1..=2 {
+            let next = server.begin(&scene, &json!({ "width": 16, "height": 8, "max_samples": 4, "seed": seed }));
+            server.wait_for(&next, &["succeeded"]);
+            if seed == 1 {
+                id = next;
+            }
+        }
+        std::thread::sleep(Duration::from_millis(300));
+    }
+    let server = start();
+    assert_eq!(server.job(&id)["linear_picture"], json!(false));
+    assert_eq!(server.get(&format!("/v1/jobs/{id}/result")).status, 200);
+    server
+        .send("GET", &format!("/v1/jobs/{id}/result"), &[("accept", "image/x-exr")], &[])
+        .problem(410, "linear_picture_gone");
 }
 
 #[test]

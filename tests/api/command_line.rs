@@ -59,6 +59,48 @@ fn a_manifest_gives_the_same_pictures_here_and_there() {
 }
 
 #[test]
+fn a_manifest_is_sent_in_parts_that_the_server_reads() {
+    let folder = folder();
+    // A line with all its parameters has more than a fifth of that.
+    let limits = Limits { manifest_bytes: 4_000, ..Limits::default() };
+    let factory = Box::new(|| Ok(Box::new(Engines::new()) as Box<dyn candela::render::Engine>));
+    let server = Server::with(limits, factory, Duration::ZERO);
+    let params = json!({ "engine": "cpu", "width": 16, "height": 8, "max_samples": 4 });
+    let lines =
+        (0..5).map(|n| format!("{}\n", json!({ "scene": "triangle.glb", "name": format!("n{n}"), "params": params })));
+    std::fs::write(folder.path().join("five.ndjson"), lines.collect::<String>()).unwrap();
+    let done = candela(folder.path(), &["five.ndjson", "--output", "out", "--server", &server.url("")]);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    assert!((0..5).all(|n| folder.path().join(format!("out/n{n}.png")).is_file()));
+    let batches = server.get("/v1/batches").json()["items"].as_array().map_or(0, Vec::len);
+    assert!((2..5).contains(&batches), "{batches} parts");
+    let long = format!("{}\n", json!({ "scene": server.upload(), "name": "x".repeat(90) })).repeat(80);
+    let problem = server.post("/v1/batches", "application/x-ndjson", long.as_bytes()).problem(413, "payload_too_large");
+    assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("manifest_bytes")), "{problem}");
+    assert_eq!(server.get("/v1/limits").json()["manifest_bytes"], 4_000);
+}
+
+#[test]
+fn a_picture_that_nobody_named_is_not_replaced() {
+    let folder = folder();
+    let render = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_candela"));
+        command.args(["render", "triangle.glb", "--set", "width=16", "--set", "height=8", "--set", "max_samples=1"]);
+        command.args(["--set", "engine=cpu", "--quiet"]).args(more).current_dir(folder.path());
+        command.output().expect("candela runs")
+    };
+    assert!(render(&[]).status.success());
+    let (file, before) = (folder.path().join("triangle.png"), b"mine".as_slice());
+    std::fs::write(&file, before).unwrap();
+    let refused = render(&[]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("-o triangle.png"));
+    assert_eq!(std::fs::read(&file).unwrap(), before);
+    assert!(render(&["-o", "triangle.png"]).status.success());
+    assert_ne!(std::fs::read(&file).unwrap(), before);
+}
+
+#[test]
 fn what_is_wrong_with_a_manifest_is_said_before_anything_is_rendered() {
     let folder = folder();
     let write = |text: &str| std::fs::write(folder.path().join("bad.ndjson"), text).unwrap();
@@ -66,6 +108,8 @@ fn what_is_wrong_with_a_manifest_is_said_before_anything_is_rendered() {
         ("{\"scene\": \"triangle.glb\", \"params\": {\"width\": 0}}", "/items/0/params/width"),
         ("{\"scene\": \"triangle.glb\"}\n{", "line 2"),
         ("{\"scene\": \"triangle.glb\", \"nmae\": \"a\"}", "nmae"),
+        ("{\n\"scenes\": [\"triangle.glb\"],\n\"params\": {\"width\": 9}\n\"cameras\": []\n}", "line 4 column 1"),
+        ("{\n\"scenes\": [\"triangle.glb\"],\n\"cameras\": [{\"blades\": 2}]\n}", "/cameras/0/blades"),
         ("", "/items"),
     ] {
         write(text);

@@ -3,7 +3,9 @@
 use crate::engine::{self, FAULTY_SEED, Fault};
 use crate::support::{Server, tiny};
 use candela::config::Limits;
+use candela::render::RenderError;
 use serde_json::{Value, json};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 fn server(fault: Fault, losses: u32) -> Server {
@@ -34,17 +36,34 @@ fn a_lost_device_comes_back_and_the_render_goes_on_from_its_film() {
         assert_eq!(server.wait_for(&id, &["succeeded", "failed"])["state"], "succeeded");
         server.get(&format!("/v1/jobs/{id}/result")).body
     };
-    assert_eq!(picture(2), picture(0));
+    assert_eq!(picture(1), picture(0));
+}
+
+#[test]
+fn a_render_that_costs_one_device_after_the_other_fails_by_name_after_one_more_try() {
+    let server = server(Fault::Lost, u32::MAX);
+    let scene = server.upload();
+    let id = server.begin(&scene, &faulty());
+    let problem = &server.wait_for(&id, &["failed"])["problem"];
+    assert_eq!((&problem["code"], &problem["status"]), (&json!("render_failed"), &json!(422)));
+    let detail = problem["detail"].as_str().unwrap();
+    assert!(detail.contains("lost 2 times") && detail.contains("as the test wants it"), "{detail}");
+    let metrics = String::from_utf8(server.get("/metrics").body).unwrap();
+    assert!(metrics.contains("candela_devices_lost_total 2\n"), "one try more: {metrics}");
+    let next = server.begin(&scene, &tiny());
+    server.wait_for(&next, &["succeeded"]);
 }
 
 #[test]
 fn a_device_that_does_not_come_back_fails_the_job() {
-    let server = server(Fault::Lost, u32::MAX);
-    let scene = server.upload();
-    let id = server.begin(&scene, &faulty());
-    assert_eq!(server.wait_for(&id, &["failed"])["problem"]["code"], "device_unavailable");
-    let next = server.begin(&scene, &tiny());
-    server.wait_for(&next, &["succeeded"]);
+    let (engine, made) = (engine::faulty(Fault::Lost, 1), AtomicBool::new(false));
+    let once = move || {
+        if made.swap(true, Ordering::SeqCst) { Err(RenderError::NoAdapter("gone".to_owned())) } else { engine() }
+    };
+    let server = Server::with(Limits::default(), Box::new(once), Duration::ZERO);
+    let id = server.begin(&server.upload(), &faulty());
+    let problem = &server.wait_for(&id, &["failed"])["problem"];
+    assert_eq!((&problem["code"], &problem["status"]), (&json!("device_unavailable"), &json!(503)));
 }
 
 #[test]

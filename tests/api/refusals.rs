@@ -49,6 +49,16 @@ fn broken_forms() {
     server.post_form("/v1/render", &[("colour", None, b"red")]).problem(400, "malformed_multipart");
     server.post_form("/v1/render", &[]).problem(400, "bad_request");
     server.post_form("/v1/render", &[("params", None, b"{}")]).problem(400, "bad_request");
+    for boundary in ["", "=", "=\"\"", "=; charset=x"] {
+        let kind = format!("multipart/form-data; boundary{boundary}");
+        let problem = server.post("/v1/render", &kind, &whole).problem(400, "malformed_multipart");
+        assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("boundary")), "{problem}");
+    }
+    for (name, file) in [("sce\0ne", "a.glb"), ("scene", "a\0.glb"), ("scene", "a\t.glb")] {
+        let problem =
+            server.post_form("/v1/render", &[(name, Some(file), &triangle())]).problem(400, "malformed_multipart");
+        assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("control character")), "{problem}");
+    }
     let twice: [(&str, Option<&str>, &[u8]); 2] = [("params", None, b"{}"), ("params", None, b"{}")];
     server.post_form("/v1/render", &twice).problem(400, "malformed_multipart");
 }
@@ -92,7 +102,16 @@ fn null_is_no_object_on_any_route() {
     let problem = server.post_form("/v1/render", &[("scene", Some("a.glb"), &triangle()), ("params", None, b"null")]);
     assert_eq!(pointers(&problem.problem(422, "invalid_params")), ["/params"]);
     let body = json!({ "scenes": [scene], "params": null });
-    assert_eq!(pointers(&server.post_json("/v1/batches", &body).problem(422, "invalid_params")), ["/items/0/params"]);
+    assert_eq!(pointers(&server.post_json("/v1/batches", &body).problem(422, "invalid_params")), ["/params"]);
+    for (path, body, is) in
+        [("/v1/jobs", "null", "null"), ("/v1/jobs", "[]", "an array"), ("/v1/batches", "null", "null")]
+    {
+        let problem = server.post(path, "application/json", body.as_bytes()).problem(422, "invalid_params");
+        assert_eq!(problem["detail"], format!("the body must be a JSON object, and is {is}"));
+        assert_eq!(problem["errors"], Value::Null, "the whole is no place");
+    }
+    let problem = server.post("/v1/batches", "application/x-ndjson", b"null").problem(422, "invalid_params");
+    assert_eq!(pointers(&problem), ["/items/0"]);
     let line = json!({ "scene": scene, "params": null }).to_string();
     let problem = server.post("/v1/batches", "application/x-ndjson", line.as_bytes()).problem(422, "invalid_params");
     assert_eq!(pointers(&problem), ["/items/0/params"]);

@@ -50,7 +50,7 @@ fn jobs_are_read_in_plain_words() {
         place(&problem).to_owned()
     };
     assert_eq!(fault("{}"), "/scene");
-    assert_eq!(fault(&format!("[\"{scene}\", {{}}, 0]")), "");
+    assert_eq!(fault(&format!("[\"{scene}\", {{}}, 0]")), "none");
     assert_eq!(fault(&format!("{{\"scene\": \"{scene}\", \"priority\": \"high\"}}")), "/priority");
     assert_eq!(fault(&format!("{{\"scene\": \"{scene}\", \"wishes\": 1}}")), "/wishes");
     assert_eq!(fault(&format!("{{\"scene\": \"{scene}\", \"scene\": \"{scene}\"}}")), "/scene");
@@ -60,6 +60,22 @@ fn jobs_are_read_in_plain_words() {
     assert_eq!(params("{\"output\": [\"exr\"]}"), "/params/output");
     assert_eq!(params("{\"lights\": [[\"ambient\"]]}"), "/params/lights/0");
     assert_eq!(params("{\"width\": -1}"), "/params/width");
+}
+
+#[test]
+fn whole_numbers_are_read_in_any_writing() {
+    let server = Server::start();
+    for (query, params) in [
+        ("?width=1.6e1&height=8.0&max_samples=4", "{}"),
+        ("", "{\"width\": 16.0, \"height\": 80e-1, \"max_samples\": 4e0}"),
+    ] {
+        let fields: [(&str, Option<&str>, &[u8]); 2] =
+            [("scene", Some("a.glb"), &triangle()), ("params", None, params.as_bytes())];
+        let reply = server.post_form(&format!("/v1/render{query}"), &fields);
+        assert_eq!(reply.status, 200, "{query}{params}: {reply:?}");
+    }
+    let problem = server.post("/v1/render?width=1.5", "model/gltf-binary", &triangle()).problem(422, "invalid_params");
+    assert!(detail(&problem).contains("is the number 1.5; expected a whole number"), "{problem}");
 }
 
 #[test]

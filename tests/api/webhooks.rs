@@ -94,6 +94,43 @@ fn ends_are_told_and_signed() {
 }
 
 #[test]
+fn items_of_a_batch_are_told_one_by_one() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let server = serve(None, &["127.0.0.1"]);
+    let scene = server.upload();
+    let url = format!("http://{}/hook", listener.local_addr().unwrap());
+    let faulty = json!({ "width": 8, "height": 8, "max_samples": 4, "seed": engine::FAULTY_SEED });
+    let line = |name: &str, params: &Value, webhook: Value| {
+        let item = json!({ "scene": scene, "name": name, "params": params, "webhook": webhook });
+        format!("{item}\n")
+    };
+    let hook = || json!({ "url": url });
+    let lines = [line("good", &tiny(), hook()), line("silent", &tiny(), Value::Null), line("bad", &faulty, hook())];
+    let batch = server.post("/v1/batches", "application/x-ndjson", lines.concat().as_bytes());
+    assert_eq!(batch.status, 202, "{batch:?}");
+    let items = batch.json()["items"].clone();
+    let mut told: Vec<Value> = (0..2).map(|_| receive(&listener, "204 No Content").verified()).collect();
+    told.sort_by_key(|message| message["type"].as_str().unwrap().to_owned());
+    let facts: Vec<_> = told.iter().map(|message| (message["type"].clone(), message["data"]["job"].clone())).collect();
+    let expected = [(json!("job.failed"), items[2]["job"].clone()), (json!("job.succeeded"), items[0]["job"].clone())];
+    assert_eq!(facts, expected);
+    // A matrix has one for all.
+    let matrix =
+        json!({ "scenes": [scene], "params": tiny(), "lights": [[], [{ "type": "ambient" }]], "webhook": hook() });
+    let jobs = server.post_json("/v1/batches", &matrix).json()["items"].clone();
+    let mut told: Vec<String> =
+        (0..2).map(|_| receive(&listener, "200 OK").verified()["data"]["job"].to_string()).collect();
+    let mut expected: Vec<String> = jobs.as_array().unwrap().iter().map(|item| item["job"].to_string()).collect();
+    told.sort_unstable();
+    expected.sort_unstable();
+    assert_eq!(told, expected);
+    // An address that is not allowed is one of the item.
+    let line = line("a", &tiny(), json!({ "url": "http://127.0.0.2/" }));
+    let problem = server.post("/v1/batches", "application/x-ndjson", line.as_bytes()).problem(422, "invalid_params");
+    assert_eq!(problem["errors"][0]["pointer"], "/items/0/webhook/url");
+}
+
+#[test]
 fn what_was_not_taken_is_sent_again_after_a_restart_too() {
     let folder = tempfile::tempdir().unwrap();
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

@@ -10,6 +10,7 @@ mod mutations;
 mod overload;
 mod server;
 mod targets;
+mod traces;
 
 use candela::scene::{Limits, Package, Scene, SceneError, import};
 use std::path::{Path, PathBuf};

@@ -15,8 +15,8 @@ fn point(position: [f64; 3], intensity: f32, range: Option<f32>) -> LightParams 
 
 fn lit(scene: &Scene, params: &RenderParams) -> (CompiledScene, Lighting, usize) {
     let compiled = compile_scene(scene, None).unwrap();
-    let (lighting, defaults) = light(scene, &compiled, params, None).unwrap();
-    (compiled, lighting, defaults.len())
+    let lit = light(scene, &compiled, params, None).unwrap();
+    (compiled, lit.lighting, lit.defaults.len())
 }
 
 fn glowing() -> Scene {
@@ -67,7 +67,10 @@ fn neutral_light_comes_only_when_nothing_shines() {
     assert!(matches!(lighting.environment.kind, EnvironmentKind::Gradient { top, bottom, .. } if top.y > bottom.y));
     assert_eq!((lighting.environment_probability, defaults), (0.0, 1));
     let (_, lighting, _) = lit(&glowing(), &RenderParams::default());
-    assert!(matches!(lighting.environment.kind, EnvironmentKind::None));
+    assert!(
+        matches!(lighting.environment.kind, EnvironmentKind::Gradient { .. }),
+        "what glows lights nothing but itself"
+    );
     assert_eq!((lighting.environment_probability, lighting.picks.len()), (0.0, 1));
     let direct = RenderParams { mode: Mode::Direct, ..RenderParams::default() };
     let (_, lighting, _) = lit(&glowing(), &direct);
@@ -79,6 +82,26 @@ fn neutral_light_comes_only_when_nothing_shines() {
     let (_, lighting, _) = lit(&dark, &RenderParams { lights: ambient, ..RenderParams::default() });
     assert_eq!((lighting.environment.ambient, lighting.environment_probability), (Vec3::new(2.0, 1.0, 0.5), 0.0));
     assert!(matches!(lighting.environment.kind, EnvironmentKind::None));
+}
+
+#[test]
+fn lights_of_the_file_that_are_too_dim_do_not_take_the_sky_away() {
+    let with = |intensity: f32, kind| {
+        let mut source = triangle_with(Material { double_sided: true, ..Material::default() });
+        source.lights.push(Light { name: None, intensity: Vec3::splat(intensity), range: None, kind });
+        let local = DAffine3::from_translation(DVec3::new(0.0, 0.0, 1.0));
+        source.nodes.push(Node { light: Some(0), local, ..Node::default() });
+        let light_node = source.nodes.len() - 1;
+        source.scenes[0].nodes.push(light_node);
+        let (_, lighting, _) = lit(&source, &RenderParams::default());
+        assert_eq!(lighting.lights.len(), 1, "it shines all the same");
+        matches!(lighting.environment.kind, EnvironmentKind::Gradient { .. })
+    };
+    assert!(with(1e-3, LightKind::Point) && with(1e-3, LightKind::Directional));
+    assert!(!with(10.0, LightKind::Point) && !with(1.0, LightKind::Directional));
+    // Lights of the request are meant as they are.
+    let dim = RenderParams { lights: vec![point([0.0, 0.0, 1.0], 1e-3, None)], ..RenderParams::default() };
+    assert!(matches!(lit(&glowing(), &dim).1.environment.kind, EnvironmentKind::None));
 }
 
 #[test]

@@ -247,10 +247,13 @@ fn stand(c: &Connection, job: i64, standing: &Standing) -> Result<()> {
 
 fn succeed(c: &Connection, job: i64, outcome: &Outcome) -> Result<()> {
     keep(c, &outcome.file)?;
-    keep(c, &outcome.picture)?;
+    if let Some(picture) = &outcome.picture {
+        keep(c, picture)?;
+    }
     let sql = "UPDATE jobs SET state = 'succeeded', ended = ?2, record = ?3, file = ?4, picture = ?5, film = NULL
                WHERE number = ?1 AND ended IS NULL";
-    let values = params![job, now(), text(&outcome.record)?, outcome.file.id, outcome.picture.id];
+    let picture = outcome.picture.as_ref().map(|picture| &picture.id);
+    let values = params![job, now(), text(&outcome.record)?, outcome.file.id, picture];
     one(c.prepare_cached(sql)?.execute(values)?)
 }
 

@@ -102,7 +102,7 @@ fn job(row: &Row) -> Result<Restored> {
         Ok(row.get::<_, Option<String>>(id)?.zip(bytes).map(|(id, bytes)| BlobRef { id, bytes: bytes as u64 }))
     };
     let outcome = match (optional(row, 13)?, blob(14)?, blob(16)?) {
-        (Some(record), Some(file), Some(picture)) => Some(Outcome { record, file, picture }),
+        (Some(record), Some(file), picture) => Some(Outcome { record, file, picture }),
         _ => None,
     };
     let state: String = row.get(11)?;

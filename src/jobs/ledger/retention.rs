@@ -1,7 +1,10 @@
 //! What leaves the ledger, by age and by bytes, and which blobs are then of no more use.
+//!
+//! Linear pictures, most of the bytes, leave before any file does: a job without one is whole but for other formats and AOVs.
 
 use super::{DAY, now};
 use rusqlite::{Connection, Result};
+use std::cmp::Reverse;
 use std::collections::{HashMap, HashSet};
 
 /// How much is kept.
@@ -22,6 +25,8 @@ pub struct Kept {
 pub struct Leaving {
     /// Numbers of jobs.
     pub jobs: Vec<i64>,
+    /// Numbers of jobs that stay, and whose linear pictures leave.
+    pub pictures: Vec<i64>,
     /// Numbers of batches, all of whose jobs leave.
     pub batches: Vec<i64>,
     /// Ids of scenes.
@@ -34,18 +39,19 @@ impl Leaving {
     /// What is beyond the bounds: the oldest leave first, what an unfinished job needs stays.
     pub fn choose(c: &Connection, kept: &Kept) -> Result<Self> {
         let (scenes, images) = uploads(c, kept)?;
-        let (jobs, batches) = jobs(c, kept)?;
-        Ok(Self { jobs, batches, scenes, images })
+        Ok(Self { scenes, images, ..jobs(c, kept)? })
     }
 
     /// Whether nothing leaves.
     pub fn is_empty(&self) -> bool {
-        self.jobs.is_empty() && self.scenes.is_empty() && self.images.is_empty()
+        self.jobs.is_empty() && self.pictures.is_empty() && self.scenes.is_empty() && self.images.is_empty()
     }
 
     pub(super) fn apply(&self, c: &Connection) -> Result<()> {
         let mut job = c.prepare_cached("DELETE FROM jobs WHERE number = ?1 AND ended IS NOT NULL")?;
         self.jobs.iter().try_for_each(|number| job.execute([number]).map(drop))?;
+        let mut picture = c.prepare_cached("UPDATE jobs SET picture = NULL WHERE number = ?1")?;
+        self.pictures.iter().try_for_each(|number| picture.execute([number]).map(drop))?;
         let mut batch = c.prepare_cached("DELETE FROM batches WHERE number = ?1")?;
         self.batches.iter().try_for_each(|number| batch.execute([number]).map(drop))?;
         c.execute("DELETE FROM usage WHERE day < ?1", [now() / DAY])?;
@@ -65,13 +71,24 @@ impl Leaving {
 
 /// Finished jobs that leave together: one, or those of a batch.
 struct Unit {
-    jobs: Vec<i64>,
+    jobs: Vec<Finished>,
     batch: Option<i64>,
     /// When the last of them ended.
     ended: i64,
-    /// Those of the results.
-    blobs: Vec<(String, i64)>,
+    /// Jobs of its batch are under way: it stays.
+    is_open: bool,
 }
+
+/// A finished job.
+struct Finished {
+    number: i64,
+    ended: i64,
+    file: Option<Held>,
+    picture: Option<Held>,
+}
+
+/// A blob and its bytes.
+type Held = (String, u64);
 
 /// All units, the one that ended last first.
 fn units(c: &Connection) -> Result<Vec<Unit>> {
@@ -84,40 +101,82 @@ fn units(c: &Connection) -> Result<Vec<Unit>> {
     let mut rows = query.query([])?;
     let (mut units, mut places) = (Vec::<Unit>::new(), HashMap::new());
     while let Some(row) = rows.next()? {
-        let batch: Option<i64> = row.get(6)?;
-        if batch.is_some_and(|batch| open.contains(&batch)) {
-            continue;
-        }
+        let (ended, batch): (i64, Option<i64>) = (row.get(1)?, row.get(6)?);
         let place = batch.map_or(units.len(), |batch| *places.entry(batch).or_insert(units.len()));
         if place == units.len() {
-            units.push(Unit { jobs: Vec::new(), batch, ended: row.get(1)?, blobs: Vec::new() });
+            let is_open = batch.is_some_and(|batch| open.contains(&batch));
+            units.push(Unit { jobs: Vec::new(), batch, ended, is_open });
         }
-        let Some(unit) = units.get_mut(place) else { continue };
-        unit.jobs.push(row.get(0)?);
-        for column in [2, 4] {
-            let (id, bytes): (Option<String>, Option<i64>) = (row.get(column)?, row.get(column + 1)?);
-            unit.blobs.extend(id.zip(bytes));
+        let held = |column: usize| -> Result<Option<Held>> {
+            let bytes: Option<i64> = row.get(column + 1)?;
+            Ok(row.get::<_, Option<String>>(column)?.zip(bytes.map(|bytes| bytes as u64)))
+        };
+        let job = Finished { number: row.get(0)?, ended, file: held(2)?, picture: held(4)? };
+        if let Some(unit) = units.get_mut(place) {
+            unit.jobs.push(job);
         }
     }
     Ok(units)
 }
 
-/// Numbers of the jobs and of the batches that leave.
-fn jobs(c: &Connection, kept: &Kept) -> Result<(Vec<i64>, Vec<i64>)> {
-    let (oldest, mut seen, mut bytes, mut count) = (now().saturating_sub(kept.age), HashSet::new(), 0, 0);
-    let (mut leaving, mut batches) = (Vec::new(), Vec::new());
-    for (place, unit) in units(c)?.into_iter().enumerate() {
-        let more = unit.blobs.into_iter().filter(|(id, _)| seen.insert(id.clone()));
-        bytes += more.map(|(_, bytes)| bytes as u64).sum::<u64>();
+/// The jobs and the batches that leave, and the linear pictures.
+fn jobs(c: &Connection, kept: &Kept) -> Result<Leaving> {
+    let oldest = now().saturating_sub(kept.age);
+    let (mut files, mut count, mut is_newest) = (Blobs::default(), 0, true);
+    let (mut leaving, mut staying) = (Leaving::default(), Vec::new());
+    for unit in units(c)? {
+        for file in unit.jobs.iter().filter_map(|job| job.file.as_ref()) {
+            files.add(file);
+        }
         // The newest stays even if it alone is too much: its client has just been told of it.
-        let too_much = count >= kept.jobs || (bytes > kept.result_bytes && place > 0);
+        let too_much = count >= kept.jobs || (files.bytes > kept.result_bytes && !is_newest);
+        is_newest &= unit.is_open;
         count += unit.jobs.len();
-        if too_much || unit.ended < oldest {
-            leaving.extend(unit.jobs);
-            batches.extend(unit.batch);
+        if !unit.is_open && (too_much || unit.ended < oldest) {
+            leaving.jobs.extend(unit.jobs.iter().map(|job| job.number));
+            leaving.batches.extend(unit.batch);
+        } else {
+            staying.extend(unit.jobs);
         }
     }
-    Ok((leaving, batches))
+    leaving.pictures = pictures(staying, kept.result_bytes);
+    Ok(leaving)
+}
+
+/// Of jobs that stay those whose linear pictures leave, so that they and all files fit: those of the jobs that ended first.
+fn pictures(mut jobs: Vec<Finished>, room: u64) -> Vec<i64> {
+    jobs.sort_by_key(|job| Reverse((job.ended, job.number)));
+    let (mut held, mut stay) = (Blobs::default(), HashSet::new());
+    for file in jobs.iter().filter_map(|job| job.file.as_ref()) {
+        held.add(file);
+    }
+    let mut leaving = Vec::new();
+    for (place, job) in jobs.iter().enumerate() {
+        let Some(picture) = &job.picture else { continue };
+        if held.add(picture) <= room || place == 0 || stay.contains(&picture.0) {
+            stay.insert(&picture.0);
+        } else {
+            leaving.push(job.number);
+        }
+    }
+    leaving
+}
+
+/// Blobs that have been counted, each once.
+#[derive(Default)]
+struct Blobs {
+    seen: HashSet<String>,
+    bytes: u64,
+}
+
+impl Blobs {
+    /// Counts another one, and says how many bytes there are in all.
+    fn add(&mut self, (id, bytes): &Held) -> u64 {
+        if self.seen.insert(id.clone()) {
+            self.bytes += bytes;
+        }
+        self.bytes
+    }
 }
 
 fn uploads(c: &Connection, kept: &Kept) -> Result<(Vec<String>, Vec<String>)> {

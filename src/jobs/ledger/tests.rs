@@ -46,7 +46,7 @@ fn outcome(file: &str) -> Outcome {
         error_bound_95: None,
         repeatable: true,
     };
-    Outcome { record, file: blob(file, 10), picture: blob("sha256-p", 100) }
+    Outcome { record, file: blob(file, 10), picture: Some(blob("sha256-p", 100)) }
 }
 
 fn scene(id: &str) -> Change {
@@ -147,25 +147,86 @@ async fn a_scene_that_is_deleted_stays_while_a_job_needs_it() {
     assert!(ledger.ask(known_blobs).await.unwrap().is_empty());
 }
 
-#[tokio::test]
-async fn the_oldest_results_leave_and_what_is_shared_counts_once() {
+/// Jobs that have ended, each with a file of 10 bytes and a linear picture of 100, by their names.
+async fn with_results(results: &[(&str, &str)]) -> Ledger {
     let ledger = Ledger::open(None).unwrap();
     ledger.commit(scene("sha256-s")).await.unwrap();
-    for (number, file) in [(1, "sha256-a"), (2, "sha256-b"), (3, "sha256-b")] {
+    for (number, (file, picture)) in (1..).zip(results) {
         ledger.commit(Change::Job(Arc::new(spec(number)), event(1, EventKind::Queued))).await.unwrap();
-        let done = Standing::Succeeded(Arc::new(outcome(file)));
+        let done = Outcome { picture: Some(blob(picture, 100)), ..outcome(file) };
+        let done = Standing::Succeeded(Arc::new(done));
         ledger.commit(happens(number, 2, EventKind::Completed, Some(done))).await.unwrap();
     }
-    let leaving = |kept: Kept| {
-        let ledger = ledger.clone();
-        async move { ledger.ask(move |c| Leaving::choose(c, &kept)).await.unwrap().jobs }
+    ledger
+}
+
+/// Jobs that leave, and linear pictures.
+async fn leave(ledger: &Ledger, kept: Kept) -> (Vec<i64>, Vec<i64>) {
+    let leaving = ledger.ask(move |c| Leaving::choose(c, &kept)).await.unwrap();
+    (leaving.jobs, leaving.pictures)
+}
+
+#[tokio::test]
+async fn linear_pictures_leave_before_any_file_does() {
+    let ledger = with_results(&[("a", "A"), ("b", "B"), ("c", "C"), ("d", "D")]).await;
+    let leaving = |bytes| leave(&ledger, Kept { result_bytes: bytes, ..all() });
+    assert_eq!(leaving(440).await, (vec![], vec![]));
+    assert_eq!(leaving(439).await, (vec![], vec![1]));
+    assert_eq!(leaving(240).await, (vec![], vec![2, 1]));
+    assert_eq!(leaving(40).await, (vec![], vec![3, 2, 1]), "the newest stays whole");
+    assert_eq!(leaving(39).await, (vec![1], vec![3, 2]));
+    assert_eq!(leaving(0).await, (vec![3, 2, 1], vec![]));
+    // What stays has room again once others have left for another reason.
+    assert_eq!(leave(&ledger, Kept { jobs: 2, result_bytes: 220, ..all() }).await, (vec![2, 1], vec![]));
+
+    let chosen = ledger.ask(|c| Leaving::choose(c, &Kept { result_bytes: 240, ..all() })).await.unwrap();
+    ledger.commit(Change::Forget(chosen)).await.unwrap();
+    assert_eq!(ledger.ask(unused_blobs).await.unwrap(), ["A", "B"]);
+    assert_eq!(leaving(240).await, (vec![], vec![]));
+    let found = ledger.ask(jobs).await.unwrap();
+    let has: Vec<bool> = found.into_iter().map(|job| job.outcome.unwrap().picture.is_some()).collect();
+    assert_eq!(has, [false, false, true, true]);
+    sound(&ledger).await;
+}
+
+#[tokio::test]
+async fn what_is_shared_counts_once_and_stays_while_one_needs_it() {
+    let ledger = with_results(&[("a", "P"), ("b", "P"), ("b", "P")]).await;
+    let leaving = |bytes| leave(&ledger, Kept { result_bytes: bytes, ..all() });
+    assert_eq!(leaving(120).await, (vec![], vec![]));
+    assert_eq!(leaving(119).await, (vec![], vec![]), "the newest needs it");
+    assert_eq!(leaving(19).await, (vec![1], vec![]));
+    assert_eq!(leaving(0).await, (vec![2, 1], vec![]), "the newest stays");
+    assert_eq!(leave(&ledger, Kept { jobs: 1, ..all() }).await.0, [2, 1]);
+    assert_eq!(leave(&ledger, Kept { age: -1, ..all() }).await.0, [3, 2, 1]);
+}
+
+#[tokio::test]
+async fn of_a_batch_under_way_linear_pictures_leave_and_nothing_else() {
+    let ledger = Ledger::open(None).unwrap();
+    ledger.commit(scene("sha256-s")).await.unwrap();
+    let batch = BatchSpec {
+        number: 1,
+        id: "batch-1".to_owned(),
+        key: None,
+        created: 1,
+        client: "c".to_owned(),
+        content: "x".to_owned(),
     };
-    // Blobs of 10, 10 and 100 bytes.
-    assert!(leaving(Kept { result_bytes: 120, ..all() }).await.is_empty());
-    assert_eq!(leaving(Kept { result_bytes: 119, ..all() }).await, [1]);
-    assert_eq!(leaving(Kept { result_bytes: 0, ..all() }).await, [2, 1], "the newest stays");
-    assert_eq!(leaving(Kept { jobs: 1, ..all() }).await, [2, 1]);
-    assert_eq!(leaving(Kept { age: -1, ..all() }).await, [3, 2, 1]);
+    let item = |number: i64| {
+        let place = Some(Place { batch: 1, item: number as u32 - 1, name: format!("n{number}") });
+        (Arc::new(Spec { place, ..spec(number) }), event(1, EventKind::Queued))
+    };
+    ledger.commit(Change::Batch(Arc::new(batch), (1..=3).map(item).collect())).await.unwrap();
+    for (number, name) in [(1, "1"), (2, "2")] {
+        let done = Outcome { picture: Some(blob(&format!("P{name}"), 100)), ..outcome(name) };
+        let done = Standing::Succeeded(Arc::new(done));
+        ledger.commit(happens(number, 2, EventKind::Completed, Some(done))).await.unwrap();
+    }
+    assert_eq!(leave(&ledger, Kept { result_bytes: 0, age: -1, ..all() }).await, (vec![], vec![1]));
+    ledger.commit(happens(3, 2, EventKind::Cancelled, Some(Standing::Cancelled))).await.unwrap();
+    assert_eq!(leave(&ledger, Kept { result_bytes: 0, ..all() }).await.0, Vec::<i64>::new(), "the newest stays");
+    assert_eq!(leave(&ledger, Kept { age: -1, ..all() }).await.0, [3, 2, 1], "together");
 }
 
 #[tokio::test]

@@ -54,6 +54,7 @@ fn chunks(body: &[u8]) -> Result<Container<'_>, SceneError> {
         })?;
         let fault = match (ordinal, kind) {
             (0, JSON) if content.is_empty() => "the JSON chunk is empty",
+            (0, JSON) if !looks_like_an_object(content) => "the JSON chunk does not hold a JSON object (`{`)",
             (0, JSON) => {
                 container.json = content;
                 ""
@@ -74,6 +75,11 @@ fn chunks(body: &[u8]) -> Result<Container<'_>, SceneError> {
         at = start + content.len();
     }
     Ok(container)
+}
+
+/// What has a byte order mark in front is told so elsewhere.
+fn looks_like_an_object(json: &[u8]) -> bool {
+    json.trim_ascii_start().first().is_some_and(|byte| matches!(byte, b'{' | 0xEF))
 }
 
 fn word(bytes: &[u8], at: usize) -> Option<u32> {
@@ -106,6 +112,11 @@ mod tests {
         assert_eq!(code(&glb(&[json, json])), "glb_chunk", "two JSON");
         assert_eq!(code(&glb(&[json, other, bin])), "glb_chunk", "BIN is third");
         assert_eq!(code(&glb(&[(JSON, b"")])), "glb_chunk", "empty");
+        for text in [b"null", b"[{}]", b"    ", b"\0{} "] {
+            let fault = split(&glb(&[(JSON, text)])).unwrap_err();
+            assert_eq!(fault.code, "glb_chunk");
+            assert!(fault.detail.contains("does not hold a JSON object"), "{fault}");
+        }
         assert_eq!(code(&glb(&[])), "glb_cut", "no chunk");
         let whole = glb(&[json, bin]);
         for length in 4..whole.len() {

@@ -1,7 +1,7 @@
 //! Zip archives, inflated under limits that are enforced on the bytes that come out, not on what headers claim.
 
 use crate::scene::{Limits, SceneError};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::io::{Cursor, Read};
 use std::sync::Arc;
 use zip::ZipArchive;
@@ -22,7 +22,9 @@ pub(super) fn inflate(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<String, 
         return Err(SceneError::too_large("zip_entries", "", detail));
     }
     if archive.has_duplicate_names() {
-        return Err(duplicate("two entries of the zip have the same name; give each file its own"));
+        let name = given_twice(bytes, archive.central_directory_start());
+        let called = name.map_or_else(|| "have the same name".to_owned(), |name| format!("are called `{name}`"));
+        return Err(duplicate(&format!("two entries of the zip {called}; give each file its own name")));
     }
     let mut files = BTreeMap::new();
     let mut left = limits.bytes;
@@ -53,6 +55,22 @@ pub(super) fn inflate(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<String, 
         files.insert(name, content.into());
     }
     Ok(files)
+}
+
+/// The first name that the directory of a zip, which begins there, has twice (APPNOTE 4.3.12); the reader keeps one entry of each name.
+fn given_twice(zip: &[u8], start: u64) -> Option<String> {
+    let mut rest = zip.get(usize::try_from(start).ok()?..)?;
+    let mut seen = HashSet::new();
+    while rest.starts_with(b"PK\x01\x02") {
+        let length = |at: usize| Some(usize::from(u16::from_le_bytes(rest.get(at..at + 2)?.try_into().ok()?)));
+        let (name, extra, comment) = (length(28)?, length(30)?, length(32)?);
+        let name = rest.get(46..46 + name)?;
+        if !seen.insert(name) {
+            return Some(String::from_utf8_lossy(name).into_owned());
+        }
+        rest = rest.get(46 + name.len() + extra + comment..)?;
+    }
+    None
 }
 
 fn broken(what: &str, error: &dyn std::fmt::Display) -> SceneError {
@@ -130,7 +148,9 @@ mod tests {
         while let Some(place) = bytes.windows(6).position(|name| name == b"b.gltf") {
             bytes[place] = b'a';
         }
-        assert_eq!(Package::from_bytes(bytes, &Limits::default()).unwrap_err().code, "part_duplicate");
+        let fault = Package::from_bytes(bytes, &Limits::default()).unwrap_err();
+        assert_eq!(fault.code, "part_duplicate");
+        assert!(fault.detail.contains("`a.gltf`"), "{fault}");
         let slashes = zip(&[("m/a.gltf", b"{}"), ("m\\a.gltf", b"{}")]);
         assert_eq!(Package::from_bytes(slashes, &Limits::default()).unwrap_err().code, "part_duplicate");
     }
