@@ -177,7 +177,12 @@ fn sources(scene: &CompiledScene) -> Vec<Point> {
 fn meshes(scene: &CompiledScene) -> BTreeMap<u32, Vec<f64>> {
     let mut meshes: BTreeMap<u32, Vec<f64>> =
         scene.instances.iter().map(|instance| (instance.first_triangle, Vec::new())).collect();
-    let mut end = scene.triangles.len();
+    // What moves lies last, and behind it where it is later.
+    let moving = scene.motion;
+    let mut end = match moving.pieces {
+        0 => scene.triangles.len(),
+        _ => (moving.first_triangle + moving.triangles) as usize,
+    };
     for (first, sums) in meshes.iter_mut().rev() {
         let first = *first as usize;
         *sums = running(scene.triangles.get(first..end).unwrap_or_default().iter().map(super::Triangle::area));
