@@ -325,7 +325,7 @@ mod tests {
     fn a_list_is_no_object() {
         let full = r#"{"camera": {"orbit": {}}, "environment": {"gradient":
             {"top": [0, 0, 0], "horizon": [0, 0, 0], "bottom": [0, 0, 0]}}, "filter": {}, "output": {},
-            "preview": {"attenuation": {}, "shadows": {"bias": {}}}, "direct": {},
+            "preview": {"attenuation": {}, "shadows": {"bias": {}}}, "direct": {}, "shutter": {"open": 0, "close": 1},
             "lights": [{"type": "ambient"}, {"type": "ambient"}],
             "spheres": [{"center": [0, 0, 0], "radius": 1, "texture": {"image": "a"}, "height": {"image": "a", "scale": 1},
             "normal": {"image": "a"}, "parallax": {"image": "a", "scale": 1}}],

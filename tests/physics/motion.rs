@@ -1,7 +1,7 @@
 //! Pictures that take time: what moves is blurred as closed form, or as the mean of pictures of many moments.
 
 use crate::support::{assert_near, engines, grey, lambert, mean, params, render, scene, sphere, square, work};
-use candela::bench::agreement::{Size, compare};
+use candela::bench::agreement::{Size, Verdict, compare};
 use candela::film::Picture;
 use candela::params::{EngineChoice, RenderParams};
 use candela::render::Strategy;
@@ -186,21 +186,33 @@ fn turmoil() -> Scene {
     scene
 }
 
-#[test]
-fn both_engines_blur_alike() {
-    let params = params(
-        r#"{"time":0,"shutter":{"open":0.1,"close":0.9,"steps":6},"camera":{"index":0},"width":24,"height":24,"adaptive":false}"#,
-    );
-    let works = [EngineChoice::Gpu, EngineChoice::Cpu].map(|engine| {
+/// The work of the shaders while the shutter is open for a part of the second, and of the f64 engine for another.
+fn compared(shaders: [f64; 2], f64_engine: [f64; 2]) -> Verdict {
+    let of = |engine, [open, close]: [f64; 2]| {
+        let params = params(&format!(
+            r#"{{"time":0,"shutter":{{"open":{open},"close":{close},"steps":6}},"camera":{{"index":0}},
+                "width":24,"height":24,"adaptive":false}}"#
+        ));
         let mut work = work(&turmoil().at(Some(Moment { animation: 0, time: 0.0 })), &params);
+        assert!(work.features.motion && work.lighting.moves() && !work.view.way.is_empty());
         work.settings.engine = engine;
         work
-    });
-    assert!(works[0].features.motion && works[0].lighting.moves() && !works[0].view.way.is_empty());
-    let size = Size { side: 24, samples: 64, batches: 12 };
-    let verdict = compare(&mut engines(), works, size).expect("two engines");
-    eprintln!("{verdict:?}");
-    assert!(verdict.agrees(), "{verdict:?}");
+    };
+    let works = [of(EngineChoice::Gpu, shaders), of(EngineChoice::Cpu, f64_engine)];
+    let verdict = compare(&mut engines(), works, Size { side: 24, samples: 64, batches: 12 }).expect("two engines");
+    eprintln!("{shaders:?} and {f64_engine:?}: {verdict:?}");
+    verdict
+}
+
+#[test]
+fn both_engines_blur_alike() {
+    assert!(compared([0.1, 0.9], [0.1, 0.9]).agrees());
+}
+
+/// What shows that the comparison would find a fault.
+#[test]
+fn a_shutter_that_closes_late_is_told_apart() {
+    assert!(!compared([0.1, 0.9], [0.1, 0.94]).agrees());
 }
 
 /// A picture of one moment in the middle is no picture of the whole.
