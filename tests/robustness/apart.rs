@@ -72,7 +72,7 @@ fn a_killed_or_stopped_engine_is_replaced_and_the_picture_is_the_same() {
         assert!(server.children().is_empty());
         server.result(&begin(&server, &scene, &picture()))
     };
-    let server = Server::start_with(None, &["--device-seconds", "6"]);
+    let server = Server::start_with(None, &["--device-seconds", "10"]);
     let scene = server.upload(&glb).expect("an upload");
     let calm = begin(&server, &scene, &picture());
     assert!(server.result(&calm) == undisturbed, "another process, another picture");
