@@ -17,13 +17,26 @@ fn with(extended: Extended) -> Material {
 /// On convex bodies without shadows, under one light, pixel by pixel.
 #[test]
 fn layers_are_those_of_the_tracer() {
-    let cases: [fn() -> Material; 6] = [
-        || with(Extended { clearcoat: 0.8, clearcoat_roughness: 0.4, ..Extended::default() }),
-        || with(Extended { sheen_color: Vec3::new(1.0, 0.3, 0.1), sheen_roughness: 0.5, ..Extended::default() }),
-        || with(Extended { ior: 1.9, specular_color: Vec3::new(1.0, 0.5, 0.2), ..Extended::default() }),
-        || with(Extended { specular: 0.0, ..Extended::default() }),
-        || with(Extended { iridescence: 1.0, iridescence_thickness: [100.0, 400.0], ..Extended::default() }),
-        || with(Extended { diffuse_transmission: 0.7, ..Extended::default() }),
+    let cases: [fn() -> Material; 2] = [
+        || {
+            with(Extended {
+                clearcoat: 0.8,
+                clearcoat_roughness: 0.4,
+                sheen_color: Vec3::new(1.0, 0.3, 0.1),
+                sheen_roughness: 0.5,
+                ior: 1.9,
+                specular_color: Vec3::new(1.0, 0.5, 0.2),
+                ..Extended::default()
+            })
+        },
+        || {
+            with(Extended {
+                iridescence: 1.0,
+                iridescence_thickness: [100.0, 400.0],
+                diffuse_transmission: 0.7,
+                ..Extended::default()
+            })
+        },
     ];
     for material in cases {
         assert_agrees(material, "pbr", |work| work);
