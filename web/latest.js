@@ -2,13 +2,17 @@
 
 import { Problem, cancelJob, createJob, fetchResult, followJob, getJob } from "./api.js";
 
-const BUSY_RETRY_S = 2;
+/** Waits between tries grow twofold from what the server asks for, or from this, up to the longest. */
+const RETRY_S = 2;
+const LONGEST_RETRY_S = 60;
+const MOST_TRIES = 6;
 const DRAFT_PRIORITY = 50;
 
 /**
  * `show` is told what happens: `picture(blob)` for every picture worth showing (it may answer a promise), and of the
  * full-quality job `accepted()`, `started({device})`, `progress(progress)`, `done(id, report, blob)`, `cancelled()`,
- * `failed(problem)` and `busy(seconds)`; of a draft only `draftFailed(problem)`.
+ * `failed(problem)` and `waiting(problem, seconds, tries, most)` before it is tried again; of a draft only `drafted(report)` and
+ * `draftFailed(problem)`.
  */
 export class LatestJob {
   #show;
@@ -54,12 +58,13 @@ export class LatestJob {
 
   #start(scene, params, draft) {
     this.#counter += 1;
-    const wish = { scene, params, draft, order: this.#counter, dropped: false };
+    const wish = { scene, params, draft, order: this.#counter, tries: 0, dropped: false };
     this.#post(wish);
     return wish;
   }
 
   async #post(wish) {
+    wish.tries += 1;
     try {
       const job = await createJob(wish.scene, wish.params, wish.draft ? DRAFT_PRIORITY : 0);
       wish.id = job.id;
@@ -98,6 +103,7 @@ export class LatestJob {
       wish.complete = true;
       await this.#reveal(wish, blob);
       if (wish.dropped) return;
+      if (wish.draft) this.#show.drafted(report);
       this.#end(wish, () => this.#show.done(wish.id, report, blob));
     } catch (problem) {
       this.#fail(wish, problem);
@@ -127,9 +133,9 @@ export class LatestJob {
 
   #fail(wish, problem) {
     if (wish.dropped) return;
-    if (problem.status === 503 && !wish.draft) {
-      const seconds = problem.retryAfter ?? BUSY_RETRY_S;
-      this.#show.busy(seconds);
+    if (problem.status === 503 && !wish.draft && wish.tries < MOST_TRIES) {
+      const seconds = Math.min((problem.retryAfter ?? RETRY_S) * 2 ** (wish.tries - 1), LONGEST_RETRY_S);
+      this.#show.waiting(problem, seconds, wish.tries, MOST_TRIES);
       wish.retry = setTimeout(() => this.#post(wish), seconds * 1000);
       return;
     }

@@ -92,7 +92,7 @@ class Controller {
   async #open(files, { environment, demo = false } = {}) {
     this.#opening += 1;
     const mine = this.#opening;
-    const goBack = this.#pauseToRead(files[0].path);
+    const goBack = this.#startReading(files[0].path);
     try {
       const scene = await uploadScene(files);
       if (mine !== this.#opening) return;
@@ -104,15 +104,13 @@ class Controller {
     }
   }
 
-  /** Stops the picture under way while a file is read; answers what to do if that fails. */
-  #pauseToRead(name) {
-    const interrupted = this.job.cancel();
+  /** The picture under way goes on while a file is read; answers what to do if that fails. */
+  #startReading(name) {
     this.notices.clearError();
-    this.status.say(`Reading ${name}`, { busy: true });
+    const takeBack = this.status.aside(`Reading ${name}`);
     return (problem) => {
       this.notices.error(problem);
-      if (interrupted) this.#changed(false);
-      else this.status.say(this.scene ? `${name} was not opened` : "No model");
+      takeBack(this.scene ? `${name} was not opened` : "No model");
     };
   }
 
@@ -175,7 +173,7 @@ class Controller {
       return;
     }
     this.job.draft(this.scene.id, draftParams(this.#params(), this.settings));
-    this.status.say("Draft");
+    this.status.draft();
     this.#rest = setTimeout(() => this.#changed(false), REST_MS);
   }
 
@@ -200,9 +198,10 @@ class Controller {
       done: (id, report, blob) => this.#done(id, report, blob),
       cancelled: () => this.status.say("Cancelled"),
       failed: (problem) => this.#failed(problem),
+      drafted: (report) => this.status.drafted(report),
       // Perhaps there is no graphics driver to draw previews with; what is traced needs none.
       draftFailed: () => this.#traceDrafts(),
-      busy: (seconds) => this.status.say(`The server is busy: trying again in ${seconds} s`, { busy: true }),
+      waiting: (problem, seconds, tries, most) => this.status.waiting(problem.title, seconds, tries, most),
     };
   }
 
@@ -235,7 +234,7 @@ class Controller {
   }
 
   async #openHdri(file) {
-    const goBack = this.#pauseToRead(file.name);
+    const goBack = this.#startReading(file.name);
     try {
       this.environment.hdri = { id: await uploadImage(file), name: file.name };
     } catch (problem) {
@@ -245,7 +244,7 @@ class Controller {
 
   /** Answers what a surface's card shows of it. */
   async #uploadMap(file) {
-    const goBack = this.#pauseToRead(file.name);
+    const goBack = this.#startReading(file.name);
     try {
       return { id: await uploadImage(file), name: file.name };
     } catch (problem) {

@@ -288,8 +288,8 @@ impl PreviewParams {
             "mode preview: nothing keeps the environment's light off a surface, and what it adds is read from spherical \
              harmonics of second order, for highlights from means over their lobes as seen from above"
                 .to_owned(),
-            "mode preview: of materials only base colour, metal, roughness, normal map, emission and alpha are drawn; extensions \
-             (clear coat, sheen, transmission and others) are left out"
+            "mode preview: glass is looked through along one ray as if it were smooth, past eight surfaces at most; it reflects the \
+             environment alone and casts shadows as if it were opaque; dispersion and scattering in it are left out"
                 .to_owned(),
             "mode preview: transparent triangles are blended in the order of their centres, and cast shadows by chance".to_owned(),
         ];

@@ -48,9 +48,6 @@ pub fn prepare(
     warnings.extend(blackness(&compiled, &lighting, features.unlit).or_else(|| nothing_in_view(&compiled, &view)));
     warnings.extend(beyond_glass(&features));
     let mut biases = params.biases();
-    if params.mode == Mode::Preview && features.extended {
-        biases.push("mode preview: extensions of materials (glass, coats, sheen, ...) are left out".to_owned());
-    }
     if params.mode == Mode::Direct && compiled.extended.iter().any(compile::Extended::scatters) {
         biases.push("mode direct: light that is scattered inside of bodies is missing".to_owned());
     }

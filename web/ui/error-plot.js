@@ -23,16 +23,17 @@ const seconds = (x) => `${Number(x.toPrecision(2))} s`;
 export class ErrorPlot {
   #points = [];
 
-  /** `element` holds an `svg`, and is hidden as long as there is nothing to see. */
+  /** `element` holds an `svg`, and is hidden until there is something to see. */
   constructor(element) {
     this.element = element;
     this.svg = element.querySelector("svg");
   }
 
-  /** A new render. */
+  /** A new render. What was drawn goes; its room stays, so that nothing below it jumps. */
   begin() {
     this.#points = [];
-    this.element.hidden = true;
+    this.svg.setAttribute("aria-label", "Nothing measured yet");
+    this.svg.replaceChildren();
   }
 
   /** What was measured after a time in seconds. */

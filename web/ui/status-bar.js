@@ -12,6 +12,9 @@ function duration(seconds) {
   return `${Math.floor(seconds / 60)} min ${Math.round(seconds % 60)} s`;
 }
 
+/** Seconds of all stages together. */
+const total = (seconds) => Object.values(seconds).reduce((a, b) => a + b, 0);
+
 function errorText(error, bound) {
   if (error === null || error === undefined) return "–";
   return bound === null || bound === undefined ? percent(error) : `${percent(error)} (95 %: ≤ ${percent(bound)})`;
@@ -40,6 +43,39 @@ export class StatusBar {
     this.#run(busy, null);
   }
 
+  /** Words about something beside the render; answers what takes them back, with other words if nothing is rendered. */
+  aside(words) {
+    const before = this.words.textContent;
+    const rendering = this.root.classList.contains("running");
+    if (rendering) this.#tell(words);
+    else this.say(words, { busy: true });
+    return (instead) => {
+      if (this.words.textContent !== words) return;
+      if (rendering) this.#tell(before);
+      else this.say(instead);
+    };
+  }
+
+  /** A draft is asked for: what was measured of the picture before it no longer holds. */
+  draft() {
+    if (this.words.textContent === "Draft") return;
+    this.say("Draft");
+    this.plot.begin();
+    this.#write({ samples: "–", error: "–", time: "–" });
+  }
+
+  /** A draft is on screen. */
+  drafted(report) {
+    if (this.words.textContent !== "Draft") return;
+    this.#write({ samples: String(report.samples), time: duration(total(report.seconds)), device: report.device.name });
+  }
+
+  /** The server could not, and is asked again. */
+  waiting(why, seconds, tries, most) {
+    this.say(`${why}: try ${tries + 1} of ${most} in ${duration(seconds)}`, { busy: true });
+    this.cancelButton.disabled = false;
+  }
+
   begin() {
     this.#started = performance.now();
     this.plot.begin();
@@ -64,7 +100,7 @@ export class StatusBar {
   /** The numbers of a finished render: time is the server's, from queue to file. */
   done(report) {
     const { seconds } = report;
-    const time = Object.values(seconds).reduce((a, b) => a + b, 0);
+    const time = total(seconds);
     this.plot.add(time, report.error);
     this.#run(false, 1);
     this.#tell(`Done: ${STOPS[report.stop_reason] ?? report.stop_reason}`);

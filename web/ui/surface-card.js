@@ -150,8 +150,8 @@ export class OverrideCard extends SurfaceCard {
       new SelectField("Material", { value: surface.material, options: names }, this.set("material")),
       own,
       ...(surface.color ? [new ColorField("Colour", { value: surface.color }, this.set("color"))] : []),
-      this.optional("Metallic", "metallic", "as in the file"),
-      this.optional("Roughness", "roughness", "as in the file"),
+      this.optional("Metallic", "metallic", "file’s"),
+      this.optional("Roughness", "roughness", "file’s"),
     ].map(({ element }) => element);
   }
 }

@@ -54,6 +54,9 @@ pub fn run(engine: &mut GpuEngine, side: u32, rounds: u32, folder: &Path, out: &
             };
             writeln!(out, "### {title}\n")?;
             let (lines, shown) = table(engine, &scene, radii, (side, rounds), out)?;
+            if let Some(ratio) = most_over_ten(&lines) {
+                writeln!(out, "\n10,000 lights take {ratio:.2} times as long as ten ({}).", WAYS[WAYS.len() - 1].0)?;
+            }
             panels.push((title, lines));
             pictures.push(shown);
             writeln!(out)?;
@@ -61,6 +64,13 @@ pub fn run(engine: &mut GpuEngine, side: u32, rounds: u32, folder: &Path, out: &
     }
     plot::time_over(&folder.join("lights.svg"), "lights", &panels)?;
     write_sheet(&folder.join("lights.jpg"), &pictures)
+}
+
+/// Time of the last way under the most lights over that under ten.
+fn most_over_ten(lines: &[Line]) -> Option<f64> {
+    let points = &lines.last()?.points;
+    let ten = points.iter().find(|(count, _)| *count == 10.0)?;
+    Some(points.last()?.1 / ten.1)
 }
 
 /// Also answers the pictures of the last way, by numbers of lights.

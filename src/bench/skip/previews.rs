@@ -44,6 +44,9 @@ pub fn pairs() -> Result<Vec<Pair>> {
             with(json!([sun, behind]), json!({"gizmos": all, "shadows": {"max_lights": 1}}))
         })?,
         forced("preview: environment", SCENE, &without_sky(&scene, &sun)?, |f| f.environment = 3)?,
+        forced("preview: extensions of materials, views through glass", SCENE, &plain, |f| {
+            (f.extended, f.transmission, f.volume, f.clearcoat, f.sheen) = (true, true, true, true, true);
+        })?,
     ];
     pairs.push(Pair {
         what: "preview: pass over transparent triangles",

@@ -86,8 +86,7 @@ impl Frame {
     pub fn draw_geometry(&self, encoder: &mut CommandEncoder) {
         let targets = &*self.targets;
         if self.pipelines.deferred {
-            let colors = [&targets.surface, &targets.radiance].map(|view| (view, CLEAR));
-            let mut pass = begin(encoder, &colors, &targets.depth, LoadOp::Clear(0.0));
+            let mut pass = begin(encoder, &[(&targets.surface, CLEAR)], &targets.depth, LoadOp::Clear(0.0));
             self.draw_scene(&mut pass, &self.pipelines.surfaces, 0);
         } else if let Some(pipeline) = &self.pipelines.depth {
             let mut pass = begin(encoder, &[], &targets.depth, LoadOp::Clear(0.0));

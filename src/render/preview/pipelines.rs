@@ -199,10 +199,7 @@ fn create_draw(
     let cut = style.alpha.then_some("cut");
     let (mut vertex, mut fragment, targets, mut layout, writes_depth, compare) = match pass {
         Draw::Shadow | Draw::Depth => ("mesh", cut, vec![], &layouts.depth_pipeline, true, Greater),
-        Draw::Geometry => {
-            let targets = vec![opaque(SURFACE), opaque(RADIANCE)];
-            ("mesh", Some("geometry"), targets, &layouts.depth_pipeline, true, Greater)
-        }
+        Draw::Geometry => ("mesh", Some("geometry"), vec![opaque(SURFACE)], &layouts.depth_pipeline, true, Greater),
         Draw::Forward { over_depth } => {
             let compare = if over_depth { GreaterEqual } else { Greater };
             ("mesh", Some("forward"), vec![opaque(RADIANCE)], &layouts.light_pipeline, true, compare)

@@ -8,9 +8,9 @@ use wgpu::{BufferUsages, TextureFormat, TextureUsages, TextureView};
 
 /// Depth, of pictures and of shadow maps: a float of `1 / z`, as precise afar as nearby.
 pub const DEPTH: TextureFormat = TextureFormat::Depth32Float;
-/// Normals, colours and roughness of the G-buffer.
+/// The G-buffer: what is met, and where in it.
 pub const SURFACE: TextureFormat = TextureFormat::Rgba32Uint;
-/// Emission of the G-buffer; radiance of the forward path.
+/// Radiance of the forward path.
 pub const RADIANCE: TextureFormat = TextureFormat::Rgba32Float;
 /// What is drawn on top; the least that every device blends.
 pub const OVERLAY: TextureFormat = TextureFormat::Rgba16Float;
@@ -83,9 +83,9 @@ pub struct Targets {
     pub grid: Grid,
     /// Depth of the picture.
     pub depth: TextureView,
-    /// Surfaces of the G-buffer; without one of one texel.
+    /// The G-buffer; without one of one texel.
     pub surface: TextureView,
-    /// Emission or radiance.
+    /// Radiance of the forward path; else of one texel.
     pub radiance: TextureView,
     /// What is drawn on top; without it of one texel.
     pub overlay: TextureView,
@@ -150,7 +150,7 @@ impl Targets {
             grid,
             depth: target("depth", true, DEPTH),
             surface: target("surface", extent.deferred, SURFACE),
-            radiance: target("radiance", true, RADIANCE),
+            radiance: target("radiance", !extent.deferred, RADIANCE),
             overlay: target("overlay", extent.overlay, OVERLAY),
             sums: buffer(gpu, "sums", bytes, BufferUsages::STORAGE | BufferUsages::COPY_SRC),
             readback: buffer(gpu, "readback", bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST),

@@ -53,7 +53,7 @@ fn assert_same(got: &Picture, expected: &Picture, what: &str) {
 }
 
 /// `change` is made to the work of both engines.
-fn assert_agrees(material: fn() -> Material, shading: &str, change: fn(Work) -> Work) {
+pub(super) fn assert_agrees(material: fn() -> Material, shading: &str, change: fn(Work) -> Work) {
     for (place, scene) in shadowless(material).iter().enumerate() {
         for light in lights() {
             let mut extra = json!({"lights": [light], "camera": camera(), "preview": {"shading": shading}});

@@ -1,6 +1,7 @@
 //! `mode: preview` against the path tracer's direct light, closed forms and itself.
 
 mod agreement;
+mod layers;
 mod light;
 mod shadows;
 
