@@ -24,6 +24,9 @@ const SKY: f64 = PI * 0.7;
 /// light have 0.2 and more; a glow has 0.01, a panel of displays 0.08 (tests, and the test scenes).
 const ENOUGH: f64 = 0.15;
 
+/// The same of lights of the file alone, which are there to light, while emission often decorates: white has a radiance of 0.02 then.
+const ENOUGH_OF_LIGHTS: f64 = 0.03;
+
 /// Points of a scene's surfaces with the light that its emitters send there, once somebody has asked for them.
 #[derive(Debug, Default)]
 pub struct Surface(OnceLock<Vec<Point>>);
@@ -53,9 +56,10 @@ pub fn choose(compiled: &CompiledScene, lights: &[PunctualLight], mode: Mode) ->
     if lights.is_empty() && !glows {
         return Choice { neutral: true, warning: None };
     }
-    let in_path = share(compiled, lights, true);
-    let here = if mode == Mode::Path { in_path } else { share(compiled, lights, false) };
-    let neutral = here < ENOUGH;
+    let (in_path, of_lights) = (share(compiled, lights, true), share(compiled, lights, false));
+    let here = if mode == Mode::Path { in_path } else { of_lights };
+    let is_enough = |share: f64| share >= ENOUGH || of_lights >= ENOUGH_OF_LIGHTS;
+    let neutral = !is_enough(here);
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     let detail = match neutral {
         true if here == in_path => format!(

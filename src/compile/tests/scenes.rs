@@ -174,12 +174,14 @@ fn extents_beyond_the_arithmetic_are_refused() {
     for (scene, code) in [
         (scaled(1e10), "extent_too_large"),
         (scaled(1e20), "extent_too_large"),
+        (scaled(1e100), "extent_too_large"),
         (scaled(1e-9), "extent_too_small"),
         (instanced(1e10), "extent_too_large"),
         (instanced(1e-9), "extent_too_small"),
     ] {
         let error = compile_scene(&scene, None).unwrap_err();
         assert!(matches!(&error, CompileError::Scene(error) if error.code == code), "{error}");
+        assert!(!error.to_string().contains("inf"), "{error}");
     }
 }
 
