@@ -42,13 +42,13 @@ impl Soup {
             return self.build(table);
         }
         let bounds = boxes.iter().fold(Bounds::default(), |a, b| a.union(*b));
-        Bottom { bounds, ..Bottom::new(self, tree) }
+        Bottom { bounds, ..Bottom::new(&self, tree) }
     }
 }
 
 impl Bottom {
     /// Brings triangles into the order of a tree. The bounds are still to be told.
-    pub fn new(soup: Soup, tree: Tree) -> Self {
+    pub fn new(soup: &Soup, tree: Tree) -> Self {
         let mut bottom = Self::default();
         for (position, from) in (0..).zip(&tree.order) {
             let from = *from as usize;

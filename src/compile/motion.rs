@@ -121,7 +121,7 @@ impl MovingSoup {
         let steps = self.over_time();
         let boxes: Vec<Vec<Bounds>> = steps.windows(2).map(|ends| swept(&ends[0], &ends[1])).collect();
         let tree = bvh::build(boxes.get(boxes.len() / 2).map_or(&[], |boxes| boxes), |_| bvh::Visits::ONE);
-        let mut bottom = Bottom::new(self.soup, tree);
+        let mut bottom = Bottom::new(&self.soup, tree);
         let order = &bottom.tree.order;
         let in_order = |step: &Vec<Triangle>| -> Vec<Triangle> {
             let places = order.iter().map(|from| step[*from as usize]).zip(&bottom.triangles);
