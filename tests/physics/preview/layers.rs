@@ -1,6 +1,6 @@
 //! Materials with extensions: their lobes are the tracer's, and through glass is seen what the tracer sees.
 
-use super::agreement::assert_agrees;
+use super::agreement::{assert_agrees, assert_same};
 use super::preview;
 use crate::support::{grey, mean, render, scene, sphere, square, work};
 use candela::film::Picture;
@@ -29,18 +29,31 @@ fn layers_are_those_of_the_tracer() {
                 ..Extended::default()
             })
         },
-        || {
-            with(Extended {
-                iridescence: 1.0,
-                iridescence_thickness: [100.0, 400.0],
-                diffuse_transmission: 0.7,
-                ..Extended::default()
-            })
-        },
+        || with(Extended { iridescence: 1.0, iridescence_thickness: [100.0, 400.0], ..Extended::default() }),
     ];
     for material in cases {
         assert_agrees(material, "pbr", |work| work);
     }
+}
+
+/// A leaf with the lamp behind it.
+#[test]
+fn light_from_behind_passes_diffusely() {
+    let leaf = Material {
+        double_sided: true,
+        ..with(Extended {
+            diffuse_transmission: 0.7,
+            diffuse_transmission_color: Vec3::new(0.2, 1.0, 0.1),
+            ..Extended::default()
+        })
+    };
+    let scene = scene(vec![(square(1.0), leaf, DAffine3::IDENTITY)]);
+    let mut extra = json!({"camera": {"position": [0, 2, 1], "target": [0, 0, 0]},
+                           "lights": [{"type": "point", "position": [0.3, -1, 0.2], "intensity": 20}]});
+    let drawn = preview(&scene, extra.clone());
+    super::merge(&mut extra, json!({"mode": "direct", "max_samples": 1}));
+    let traced = render(EngineChoice::Cpu, work(&scene, &super::request(extra)));
+    assert_same(&drawn, &traced, "a leaf");
 }
 
 /// The preview, and the tracer with as many bounces as glass needs.
