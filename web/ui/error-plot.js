@@ -2,7 +2,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 /** Of the drawing, with room for the numbers at the left and below. */
-const BOX = { left: 44, right: 392, top: 8, bottom: 98 };
+const BOX = { left: 44, right: 378, top: 8, bottom: 98 };
 
 function shape(name, attributes, text = "") {
   const element = document.createElementNS(SVG, name);
@@ -16,6 +16,8 @@ function decades(values) {
   const low = Math.floor(Math.log10(Math.min(...values)));
   return [low, Math.max(low + 1, Math.ceil(Math.log10(Math.max(...values))))];
 }
+
+const NOTHING = "Nothing measured yet";
 
 const percent = (x) => `${Number((x * 100).toPrecision(2))} %`;
 const seconds = (x) => `${Number(x.toPrecision(2))} s`;
@@ -32,8 +34,8 @@ export class ErrorPlot {
   /** A new render. What was drawn goes; its room stays, so that nothing below it jumps. */
   begin() {
     this.#points = [];
-    this.svg.setAttribute("aria-label", "Nothing measured yet");
-    this.svg.replaceChildren();
+    this.svg.setAttribute("aria-label", NOTHING);
+    this.svg.replaceChildren(shape("text", { x: BOX.left, y: (BOX.top + BOX.bottom) / 2 }, NOTHING));
   }
 
   /** What was measured after a time in seconds. */

@@ -40,7 +40,7 @@ fn shadowless(material: fn() -> Material) -> [Scene; 2] {
 
 /// Asserts equal radiance where both see the surface, and the same silhouette but for pixels on it.
 #[track_caller]
-fn assert_same(got: &Picture, expected: &Picture, what: &str) {
+pub(super) fn assert_same(got: &Picture, expected: &Picture, what: &str) {
     let pairs = || got.pixels.iter().zip(&expected.pixels);
     let outlines = pairs().filter(|(a, b)| a[3] != b[3]).count();
     assert!(outlines <= got.pixels.len() / 100, "{what}: {outlines} pixels of another outline");

@@ -1,6 +1,6 @@
 //! Materials with extensions: their lobes are the tracer's, and through glass is seen what the tracer sees.
 
-use super::agreement::assert_agrees;
+use super::agreement::{assert_agrees, assert_same};
 use super::preview;
 use crate::support::{grey, mean, render, scene, sphere, square, work};
 use candela::film::Picture;
@@ -22,25 +22,42 @@ fn layers_are_those_of_the_tracer() {
             with(Extended {
                 clearcoat: 0.8,
                 clearcoat_roughness: 0.4,
-                sheen_color: Vec3::new(1.0, 0.3, 0.1),
-                sheen_roughness: 0.5,
                 ior: 1.9,
                 specular_color: Vec3::new(1.0, 0.5, 0.2),
                 ..Extended::default()
             })
         },
-        || {
-            with(Extended {
-                iridescence: 1.0,
-                iridescence_thickness: [100.0, 400.0],
-                diffuse_transmission: 0.7,
-                ..Extended::default()
-            })
-        },
+        || with(Extended { iridescence: 1.0, iridescence_thickness: [100.0, 400.0], ..Extended::default() }),
     ];
     for material in cases {
         assert_agrees(material, "pbr", |work| work);
     }
+}
+
+/// Asserts the same of a sheet under a lamp.
+fn assert_same_on_a_sheet(material: Material, lamp: [f64; 3]) {
+    let scene = scene(vec![(square(1.0), material, DAffine3::IDENTITY)]);
+    let mut extra = json!({"camera": {"position": [0, 2, 1], "target": [0, 0, 0]},
+                           "lights": [{"type": "point", "position": lamp, "intensity": 20}]});
+    let drawn = preview(&scene, extra.clone());
+    super::merge(&mut extra, json!({"mode": "direct", "max_samples": 1}));
+    let traced = render(EngineChoice::Cpu, work(&scene, &super::request(extra)));
+    assert_same(&drawn, &traced, "a sheet");
+}
+
+/// On a sheet alone: at a body's rim sheen grows so fast that the rasteriser's place of a pixel, a 256th of one off, is to be seen.
+#[test]
+fn sheen_is_that_of_the_tracer() {
+    let sheen = Extended { sheen_color: Vec3::new(1.0, 0.3, 0.1), sheen_roughness: 0.5, ..Extended::default() };
+    assert_same_on_a_sheet(with(sheen), [0.8, 1.0, 0.5]);
+}
+
+/// A leaf with the lamp behind it.
+#[test]
+fn light_from_behind_passes_diffusely() {
+    let green = Vec3::new(0.2, 1.0, 0.1);
+    let leaf = with(Extended { diffuse_transmission: 0.7, diffuse_transmission_color: green, ..Extended::default() });
+    assert_same_on_a_sheet(Material { double_sided: true, ..leaf }, [0.3, -1.0, 0.2]);
 }
 
 /// The preview, and the tracer with as many bounces as glass needs.
