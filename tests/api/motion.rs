@@ -116,7 +116,7 @@ fn a_shutter_takes_time_and_says_where_it_cannot() {
     for (shutter, pointer) in [
         (json!({"open": 1, "close": 0}), "/params/shutter/close"),
         (json!({"open": 0, "close": 1, "steps": 99}), "/params/shutter/steps"),
-        (json!({"open": 0}), "/params/shutter"),
+        (json!({"open": 0}), "/params/shutter/close"),
         (json!({"open": 0, "close": 1, "angle": 180}), "/params/shutter/angle"),
     ] {
         let refused = server.post_json("/v1/jobs", &json!({"scene": scene, "params": {"shutter": shutter}}));
