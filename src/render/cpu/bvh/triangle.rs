@@ -90,22 +90,25 @@ pub struct BlockHits {
 /// The triangles that the ray hits at a t that is not negative and at most `t_max`.
 #[inline(always)]
 pub fn intersect<S: Simd>(block: &Block, ray: &Shear, t_max: f64) -> Option<BlockHits> {
-    let corners = block.vertices.each_ref().map(|vertex| sheared::<S>(vertex.each_ref().map(S::F64::widen), ray));
+    let [a, b, c] = &block.vertices;
+    let corners = [
+        sheared::<S>(turned::<S>(a, ray), ray),
+        sheared::<S>(turned::<S>(b, ray), ray),
+        sheared::<S>(turned::<S>(c, ray), ray),
+    ];
     meet::<S>(corners, ray, t_max)
 }
 
 /// The same of triangles that are a part of their way from one block to the next.
 #[inline(always)]
 pub fn intersect_between<S: Simd>(blocks: [&Block; 2], part: f64, ray: &Shear, t_max: f64) -> Option<BlockHits> {
-    let [begin, end] = blocks;
+    let [[a, b, c], [d, e, f]] = [&blocks[0].vertices, &blocks[1].vertices];
     let part = S::F64::splat(part);
-    let corners = std::array::from_fn(|corner| {
-        let axes = std::array::from_fn(|axis| {
-            let [begin, end] = [begin, end].map(|block| S::F64::widen(&block.vertices[corner][axis]));
-            begin + (end - begin) * part
-        });
-        sheared::<S>(axes, ray)
-    });
+    let corners = [
+        sheared::<S>(between::<S>(a, d, part, ray), ray),
+        sheared::<S>(between::<S>(b, e, part, ray), ray),
+        sheared::<S>(between::<S>(c, f, part, ray), ray),
+    ];
     meet::<S>(corners, ray, t_max)
 }
 
@@ -129,12 +132,26 @@ fn meet<S: Simd>(corners: [(S::F64, S::F64, S::F64); 3], ray: &Shear, t_max: f64
     (lanes != 0).then(|| BlockHits { lanes, t: t.to_array(), u: (b / sum).to_array(), v: (c / sum).to_array() })
 }
 
-/// A vertex of each lane in the ray's space; z not yet scaled.
+/// Coordinates of a vertex of each lane, in the order of the ray's axes. Written out, as a closure would not take on the target
+/// features of its caller.
 #[inline(always)]
-fn sheared<S: Simd>(vertex: [S::F64; 3], ray: &Shear) -> (S::F64, S::F64, S::F64) {
+fn turned<S: Simd>(vertex: &[[f32; 4]; 3], ray: &Shear) -> [S::F64; 3] {
     let [x, y, z] = ray.axes;
-    let z = vertex[z] - S::F64::splat(ray.origin[2]);
-    let x = vertex[x] - S::F64::splat(ray.origin[0]) - S::F64::splat(ray.shear[0]) * z;
-    let y = vertex[y] - S::F64::splat(ray.origin[1]) - S::F64::splat(ray.shear[1]) * z;
+    [S::F64::widen(&vertex[x]), S::F64::widen(&vertex[y]), S::F64::widen(&vertex[z])]
+}
+
+/// The same a part of the way from one place to another.
+#[inline(always)]
+fn between<S: Simd>(begin: &[[f32; 4]; 3], end: &[[f32; 4]; 3], part: S::F64, ray: &Shear) -> [S::F64; 3] {
+    let ([ax, ay, az], [bx, by, bz]) = (turned::<S>(begin, ray), turned::<S>(end, ray));
+    [ax + (bx - ax) * part, ay + (by - ay) * part, az + (bz - az) * part]
+}
+
+/// A vertex of each lane in the ray's space, by its coordinates in the order of the ray's axes; z not yet scaled.
+#[inline(always)]
+fn sheared<S: Simd>([x, y, z]: [S::F64; 3], ray: &Shear) -> (S::F64, S::F64, S::F64) {
+    let z = z - S::F64::splat(ray.origin[2]);
+    let x = x - S::F64::splat(ray.origin[0]) - S::F64::splat(ray.shear[0]) * z;
+    let y = y - S::F64::splat(ray.origin[1]) - S::F64::splat(ray.shear[1]) * z;
     (x, y, z)
 }
