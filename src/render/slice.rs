@@ -48,3 +48,20 @@ impl SlicePaths {
         self.0 = (rate * TARGET.as_secs_f64()).clamp(self.0 / 4.0, self.0 * 4.0).max(least);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slices_shrink_where_paths_are_slow_and_not_where_a_core_is_busy() {
+        let mut paths = SlicePaths::default();
+        paths.learn(256.0, Duration::from_secs(1));
+        assert_eq!(paths.0, 128.0, "so many as take half a second, which is more than a quarter of those before");
+        let mut paths = SlicePaths(LEAST);
+        paths.learn(LEAST, Duration::from_millis(100));
+        assert_eq!(paths.0, LEAST);
+        paths.learn(LEAST, Duration::from_millis(1));
+        assert_eq!(paths.0, 4.0 * LEAST, "at most four times more at once");
+    }
+}
