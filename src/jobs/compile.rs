@@ -21,6 +21,10 @@ pub(super) fn compile(
     copied: u64,
 ) -> Result<Ready, Problem> {
     let _span = tracing::info_span!(parent: &job.span(), "compile").entered();
+    if job.is_over() {
+        // Cancelled while it waited for a core: not worth one.
+        return Err(Problem::new(Code::JobCancelled, "the job was cancelled before its scene was compiled"));
+    }
     let begun = Instant::now();
     let params = &order.params;
     let maps = order.maps.iter().filter_map(|image| Some((image.id.clone(), image.map()?))).collect();

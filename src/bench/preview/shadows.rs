@@ -141,6 +141,7 @@ pub(super) fn scenes(demos: &[&str], models: &[PathBuf]) -> Result<Vec<(String, 
     Ok(scenes)
 }
 
+/// A frame by the file's own camera, or by the automatic one.
 fn picture(
     scene: &Scene,
     compiled: &Arc<CompiledScene>,
@@ -163,7 +164,6 @@ fn picture(
     shadows["light_size"] = json!(size * distance);
     let params = json!({
         "mode": "preview", "width": side, "height": side, "environment": null, "scene_lights": false, "lights": [lamp],
-        "camera": {"orbit": {"azimuth_degrees": -20, "elevation_degrees": 35}},
         "preview": {"shading": "lambert", "samples": 1, "shadows": shadows},
     });
     Ok(prepare(scene, Arc::clone(compiled), &serde_json::from_value(params)?, None)?.work)
