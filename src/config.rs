@@ -38,6 +38,8 @@ limits! {
     idle_seconds: u64 = 15, "CANDELA_IDLE_SECONDS";
     /// Seconds in which a request body must have arrived.
     body_seconds: u64 = 120, "CANDELA_BODY_SECONDS";
+    /// Bytes of a body that is JSON, and of the field `params` of a form.
+    json_bytes: usize = 2 << 20, "CANDELA_JSON_BYTES";
     /// Parts of one multipart form.
     form_parts: usize = 1024, "CANDELA_FORM_PARTS";
     /// Bytes that an archive may unpack to.

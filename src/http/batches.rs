@@ -2,7 +2,7 @@
 
 use super::list::{self, Page};
 use super::prefer::Patience;
-use super::upload::{self, Text};
+use super::upload::{self, Bound, Text};
 use super::{App, archive, caller, jobs, query};
 use crate::jobs::{BatchSubmission, Code, Item, ManifestError, Problem, from_lines, from_matrix};
 use axum::Json;
@@ -20,7 +20,7 @@ pub async fn create(State(app): State<App>, headers: HeaderMap, request: Request
     let (key, caller) = (jobs::idempotency_key(&headers)?, caller(&request));
     let manifest = Text {
         kinds: &[LINES[0], LINES[1], LINES[2], "application/json"],
-        bytes: app.service.limits().manifest_bytes,
+        bound: Bound { name: "manifest_bytes", bytes: app.service.limits().manifest_bytes as u64 },
         hint: "send a render per line as application/x-ndjson, or a matrix as application/json",
     };
     let (kind, text) = upload::read_text(&app, &manifest, request).await?;

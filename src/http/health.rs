@@ -1,7 +1,6 @@
 //! Whether the server lives, whether it takes work, and how much.
 
 use super::App;
-use super::upload::TEXT_BYTES;
 use crate::jobs::{Code, Problem};
 use axum::Json;
 use axum::extract::State;
@@ -24,7 +23,6 @@ pub async fn ready(State(app): State<App>) -> Result<Json<Value>, Problem> {
 pub async fn limits(State(app): State<App>) -> Json<Value> {
     let limits = app.service.limits();
     let mut value = json!(limits);
-    value["json_bytes"] = json!(TEXT_BYTES);
     value["scene"] = json!(limits.scene());
     value["params"] = json!(limits.params());
     Json(value)

@@ -3,7 +3,7 @@
 use super::host::{self, Hosts};
 use super::keys::Scope;
 use super::metrics::{self, Traffic};
-use super::upload::{Room, TEXT_BYTES};
+use super::upload::Room;
 use super::{Access, App, access, batches, events, health, images, jobs, origin, pages, problem, render, scenes};
 use crate::jobs::Service;
 use axum::Router;
@@ -20,7 +20,7 @@ const READ: Option<Scope> = Some(Scope::Read);
 const RENDER: Option<Scope> = Some(Scope::Render);
 const ADMIN: Option<Scope> = Some(Scope::Admin);
 
-fn table(manifest_bytes: usize) -> Vec<Row> {
+fn table(json_bytes: usize, manifest_bytes: usize) -> Vec<Row> {
     vec![
         ("POST", "/v1/render", RENDER, post(render::render)),
         ("POST", "/v1/scenes", RENDER, post(scenes::create)),
@@ -30,9 +30,9 @@ fn table(manifest_bytes: usize) -> Vec<Row> {
         ("POST", "/v1/images", RENDER, post(images::create)),
         ("GET", "/v1/images/{id}", READ, get(images::show)),
         ("DELETE", "/v1/images/{id}", ADMIN, delete(images::remove)),
-        ("POST", "/v1/jobs", RENDER, post(jobs::create).layer(DefaultBodyLimit::max(TEXT_BYTES))),
+        ("POST", "/v1/jobs", RENDER, post(jobs::create).layer(DefaultBodyLimit::max(json_bytes))),
         ("GET", "/v1/jobs", READ, get(jobs::list)),
-        ("PUT", "/v1/jobs/{id}", RENDER, put(jobs::create_named).layer(DefaultBodyLimit::max(TEXT_BYTES))),
+        ("PUT", "/v1/jobs/{id}", RENDER, put(jobs::create_named).layer(DefaultBodyLimit::max(json_bytes))),
         ("GET", "/v1/jobs/{id}", READ, get(jobs::show)),
         ("DELETE", "/v1/jobs/{id}", RENDER, delete(jobs::remove)),
         ("GET", "/v1/jobs/{id}/events", READ, get(events::stream)),
@@ -60,7 +60,7 @@ fn table(manifest_bytes: usize) -> Vec<Row> {
 
 /// Method, path and scope of every route, for the test that compares them with `openapi.yaml`.
 pub fn routes() -> Vec<(&'static str, &'static str, Option<Scope>)> {
-    table(0).into_iter().map(|(method, path, scope, _)| (method, path, scope)).collect()
+    table(0, 0).into_iter().map(|(method, path, scope, _)| (method, path, scope)).collect()
 }
 
 /// The whole application; what the table does not name is a file of the page, or a 404.
@@ -74,7 +74,7 @@ pub fn router(service: Service, traffic: &Traffic, access: &Access, hosts: Hosts
         }
         None => answer,
     };
-    table(service.limits().manifest_bytes)
+    table(service.limits().json_bytes, service.limits().manifest_bytes)
         .into_iter()
         .fold(Router::new(), |router, (_, path, scope, answer)| router.route(path, guarded(scope, answer)))
         .fallback(pages::file)

@@ -13,9 +13,6 @@ use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_stream::StreamExt;
 
-/// Bytes of a body that is JSON alone, and of a form's text fields.
-pub const TEXT_BYTES: usize = 1 << 20;
-
 /// Seconds after which a client that found no room for its body should try again.
 const RETRY_SECONDS: u32 = 2;
 
@@ -33,7 +30,7 @@ pub struct Room {
 impl Room {
     /// As the limits say; at least one body fits.
     pub fn new(limits: &Limits) -> Self {
-        let bytes = limits.upload_memory_bytes.max(limits.upload_bytes).max(TEXT_BYTES as u64);
+        let bytes = limits.upload_memory_bytes.max(limits.upload_bytes).max(limits.json_bytes as u64);
         let grains = usize::try_from(bytes).unwrap_or(usize::MAX).div_ceil(GRAIN) + 1;
         let grains = grains.min(Semaphore::MAX_PERMITS);
         Self { free: Arc::new(Semaphore::new(grains)), grains, idle: Duration::from_secs(limits.idle_seconds.max(1)) }
@@ -115,6 +112,29 @@ impl Meter {
     }
 }
 
+/// The limit that a body, or a part of it, is held to.
+#[derive(Debug, Clone, Copy)]
+pub struct Bound {
+    /// In `GET /v1/limits`.
+    pub name: &'static str,
+    /// Its value.
+    pub bytes: u64,
+}
+
+impl Bound {
+    fn exceeded(self, what: &str) -> Problem {
+        let Self { name, bytes } = self;
+        let detail = format!("{what} is larger than the {bytes} bytes that this server reads (GET /v1/limits, {name})");
+        Problem::new(Code::PayloadTooLarge, detail)
+    }
+
+    /// Refuses a body that says itself that it is too large, before any of it is read.
+    fn check(self, headers: &HeaderMap) -> Result<(), Problem> {
+        let length = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
+        if length.is_some_and(|length| length > self.bytes) { Err(self.exceeded("the body")) } else { Ok(()) }
+    }
+}
+
 /// Files of an upload, and what else the form says.
 #[derive(Debug, Default)]
 pub struct Upload {
@@ -141,15 +161,15 @@ pub struct Kinds {
 /// Reads a form or a raw file.
 pub async fn read(app: &App, kinds: &Kinds, request: Request) -> Result<Upload, Problem> {
     let limits = app.service.limits();
-    check_length(request.headers(), limits.upload_bytes)?;
+    upload_bound(limits).check(request.headers())?;
     check_encoding(request.headers())?;
     let kind = content_type(request.headers());
     let (request, meter) = app.room.metered(request);
     let reading = async {
         match kind.as_str() {
-            "multipart/form-data" => read_form(limits.form_parts, kinds, request).await,
+            "multipart/form-data" => read_form(limits, kinds, request).await,
             raw if kinds.raw.contains(&raw) => {
-                let bytes = read_all(request).await?;
+                let bytes = read_all(upload_bound(limits), request).await?;
                 if bytes.is_empty() {
                     return Err(Problem::new(Code::BadRequest, "the body is empty: send the file as the body"));
                 }
@@ -166,30 +186,40 @@ pub async fn read(app: &App, kinds: &Kinds, request: Request) -> Result<Upload, 
 pub struct Text {
     /// Media types.
     pub kinds: &'static [&'static str],
-    /// Longest body.
-    pub bytes: usize,
+    /// Longest body, which is the route's `DefaultBodyLimit`, too.
+    pub bound: Bound,
     /// What to say to those who send something else.
     pub hint: &'static str,
 }
 
-const JSON: Text =
-    Text { kinds: &["application/json"], bytes: TEXT_BYTES, hint: "send JSON with `Content-Type: application/json`" };
-
 /// Reads a body that must be JSON.
 pub async fn read_json(app: &App, request: Request) -> Result<serde_json::Value, Problem> {
-    parse_json(&read_text(app, &JSON, request).await?.1)
+    let json = Text {
+        kinds: &["application/json"],
+        bound: json_bound(app.service.limits()),
+        hint: "send JSON with `Content-Type: application/json`",
+    };
+    parse_json(&read_text(app, &json, request).await?.1)
+}
+
+fn upload_bound(limits: &Limits) -> Bound {
+    Bound { name: "upload_bytes", bytes: limits.upload_bytes }
+}
+
+fn json_bound(limits: &Limits) -> Bound {
+    Bound { name: "json_bytes", bytes: limits.json_bytes as u64 }
 }
 
 /// Reads a body that must be text of one of some media types, and says which.
 pub async fn read_text(app: &App, wanted: &Text, request: Request) -> Result<(String, String), Problem> {
-    check_length(request.headers(), wanted.bytes as u64)?;
+    wanted.bound.check(request.headers())?;
     check_encoding(request.headers())?;
     let kind = content_type(request.headers());
     if !wanted.kinds.contains(&kind.as_str()) {
         return Err(unsupported(&kind, wanted.hint));
     }
     let (request, meter) = app.room.metered(request);
-    let bytes = meter.explain(in_time(app.service.limits().body_seconds, read_all(request)).await)?;
+    let bytes = meter.explain(in_time(app.service.limits().body_seconds, read_all(wanted.bound, request)).await)?;
     let text =
         String::from_utf8(bytes.into()).map_err(|_| Problem::new(Code::MalformedJson, "the body is not UTF-8"))?;
     Ok((kind, text))
@@ -212,14 +242,14 @@ async fn in_time<T>(seconds: u64, reading: impl Future<Output = Result<T, Proble
 }
 
 /// The limit of the route's `DefaultBodyLimit` holds.
-async fn read_all(request: Request) -> Result<Bytes, Problem> {
+async fn read_all(bound: Bound, request: Request) -> Result<Bytes, Problem> {
     Bytes::from_request(request, &()).await.map_err(|rejection| match rejection.status() {
-        StatusCode::PAYLOAD_TOO_LARGE => too_large("the body"),
+        StatusCode::PAYLOAD_TOO_LARGE => bound.exceeded("the body"),
         _ => Problem::new(Code::BadRequest, "the body broke off before its end"),
     })
 }
 
-async fn read_form(most_parts: usize, kinds: &Kinds, request: Request) -> Result<Upload, Problem> {
+async fn read_form(limits: &Limits, kinds: &Kinds, request: Request) -> Result<Upload, Problem> {
     let nameless = || {
         let detail = "`Content-Type: multipart/form-data` must name its boundary, of 1 to 70 characters";
         Problem::new(Code::MalformedMultipart, detail)
@@ -230,25 +260,27 @@ async fn read_form(most_parts: usize, kinds: &Kinds, request: Request) -> Result
     let mut form = Multipart::from_request(request, &()).await.map_err(|_| nameless())?;
     let mut upload = Upload::default();
     let mut parts = 0;
+    let malformed = |error: MultipartError| malformed(&error, limits);
+    let most_parts = limits.form_parts;
     while let Some(field) = form.next_field().await.map_err(malformed)? {
         parts += 1;
         if parts > most_parts {
             let detail = format!("the form has more than {most_parts} parts (GET /v1/limits, form_parts)");
             return Err(Problem::new(Code::PayloadTooLarge, detail));
         }
-        read_field(kinds, &mut upload, field).await?;
+        read_field(limits, kinds, &mut upload, field).await?;
     }
     Ok(upload)
 }
 
-async fn read_field(kinds: &Kinds, upload: &mut Upload, mut field: Field<'_>) -> Result<(), Problem> {
+async fn read_field(limits: &Limits, kinds: &Kinds, upload: &mut Upload, mut field: Field<'_>) -> Result<(), Problem> {
     let name = field.name().unwrap_or_default().to_owned();
     if let Some(odd) = [field.name(), field.file_name()].into_iter().flatten().find(|name| has_controls(name)) {
         let detail = format!("the name {odd:?} of a part has a control character in it: rename the part, or its file");
         return Err(Problem::new(Code::MalformedMultipart, detail));
     }
     if kinds.params && name == "params" {
-        let text = read_text_field(&mut field).await?;
+        let text = read_text_field(limits, &mut field).await?;
         if upload.params.replace(text).is_some() {
             return Err(Problem::new(Code::MalformedMultipart, "the form has two fields `params`"));
         }
@@ -267,7 +299,7 @@ async fn read_field(kinds: &Kinds, upload: &mut Upload, mut field: Field<'_>) ->
         }
     };
     let mut bytes = Vec::new();
-    while let Some(chunk) = field.chunk().await.map_err(malformed)? {
+    while let Some(chunk) = field.chunk().await.map_err(|error| malformed(&error, limits))? {
         bytes.extend_from_slice(&chunk);
     }
     if bytes.is_empty() {
@@ -278,21 +310,20 @@ async fn read_field(kinds: &Kinds, upload: &mut Upload, mut field: Field<'_>) ->
     Ok(())
 }
 
-async fn read_text_field(field: &mut Field<'_>) -> Result<String, Problem> {
-    let mut bytes = Vec::new();
-    while let Some(chunk) = field.chunk().await.map_err(malformed)? {
+async fn read_text_field(limits: &Limits, field: &mut Field<'_>) -> Result<String, Problem> {
+    let (mut bytes, bound) = (Vec::new(), json_bound(limits));
+    while let Some(chunk) = field.chunk().await.map_err(|error| malformed(&error, limits))? {
         bytes.extend_from_slice(&chunk);
-        if bytes.len() > TEXT_BYTES {
-            return Err(too_large("the field `params`"));
+        if bytes.len() as u64 > bound.bytes {
+            return Err(bound.exceeded("the field `params`"));
         }
     }
     String::from_utf8(bytes).map_err(|_| Problem::new(Code::MalformedJson, "the field `params` is not UTF-8"))
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "the signature that map_err wants")]
-fn malformed(error: MultipartError) -> Problem {
+fn malformed(error: &MultipartError, limits: &Limits) -> Problem {
     if error.status() == StatusCode::PAYLOAD_TOO_LARGE {
-        return too_large("the form");
+        return upload_bound(limits).exceeded("the form");
     }
     let text = error.body_text();
     let why =
@@ -314,12 +345,6 @@ fn boundary(headers: &HeaderMap) -> Option<&str> {
     Some(value.trim().trim_matches('"'))
 }
 
-/// Refuses a body that says itself that it is too large, before any of it is read.
-fn check_length(headers: &HeaderMap, limit: u64) -> Result<(), Problem> {
-    let length = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
-    if length.is_some_and(|length| length > limit) { Err(too_large("the body")) } else { Ok(()) }
-}
-
 /// Refuses a body that is packed on its way.
 fn check_encoding(headers: &HeaderMap) -> Result<(), Problem> {
     match headers.get(header::CONTENT_ENCODING) {
@@ -329,13 +354,6 @@ fn check_encoding(headers: &HeaderMap) -> Result<(), Problem> {
         }
         _ => Ok(()),
     }
-}
-
-fn too_large(what: &str) -> Problem {
-    let detail = format!(
-        "{what} is larger than this server reads (GET /v1/limits, upload_bytes; json_bytes for JSON, manifest_bytes for a manifest)"
-    );
-    Problem::new(Code::PayloadTooLarge, detail)
 }
 
 fn unsupported(kind: &str, hint: &str) -> Problem {

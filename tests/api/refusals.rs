@@ -229,6 +229,19 @@ fn the_number_of_parts_is_limited() {
 }
 
 #[test]
+fn json_is_limited_in_a_body_and_in_a_form() {
+    let server = limited(Limits { json_bytes: 100, ..Limits::default() });
+    let glb = triangle();
+    let long = format!("{{\"width\": 16{}}}", " ".repeat(100));
+    let fields = [("scene", Some("a.glb"), glb.as_slice()), ("params", None, long.as_bytes())];
+    for reply in [server.post("/v1/jobs", "application/json", long.as_bytes()), server.post_form("/v1/render", &fields)]
+    {
+        let problem = reply.problem(413, "payload_too_large");
+        assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("100 bytes")), "{problem}");
+    }
+}
+
+#[test]
 fn a_request_keeps_its_id_if_it_is_plain() {
     let server = Server::start();
     let id = |given: &str| {

@@ -125,6 +125,18 @@ mod tests {
     }
 
     #[test]
+    fn a_zip_may_have_files_beside_it_but_no_second_scene() {
+        let packed = zip(&[("a.gltf", b"{}")]);
+        let beside = |name: &str| {
+            let parts = vec![("m.zip".to_owned(), packed.clone()), (name.to_owned(), b"1".to_vec())];
+            Package::from_parts(parts, &Limits::default())
+        };
+        let package = beside("x.png").unwrap();
+        assert_eq!((package.root(), package.find("x.png").unwrap().as_ref()), (&b"{}"[..], &b"1"[..]));
+        assert_eq!(beside("a.gltf").unwrap().root(), b"1", "an archive beside a glTF is a file of it");
+    }
+
+    #[test]
     fn bombs_are_refused() {
         let limits = Limits { bytes: 64 << 20, ..Limits::default() };
         let zeros = vec![0; 32 << 20];

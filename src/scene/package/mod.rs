@@ -27,14 +27,17 @@ impl Package {
     }
 
     /// Several named parts; the names are the URIs by which the one `.gltf` or `.glb` among them names the others.
-    /// A single part may be anything that [`Package::from_bytes`] takes, whatever its name.
+    /// A single part may be anything that [`Package::from_bytes`] takes, whatever its name; so may a `.zip` beside files of which none is a glTF.
     pub fn from_parts(mut parts: Vec<(String, Vec<u8>)>, limits: &Limits) -> Result<Self, SceneError> {
-        if parts.len() <= 1 {
-            let bytes = parts.pop().map(|(_, bytes)| bytes).unwrap_or_default();
-            return Self::from_bytes(bytes, limits);
-        }
+        let mut files = match packed(&parts) {
+            Some(archive) => archive::inflate(&parts.remove(archive).1, limits)?,
+            None if parts.len() <= 1 => {
+                let bytes = parts.pop().map(|(_, bytes)| bytes).unwrap_or_default();
+                return Self::from_bytes(bytes, limits);
+            }
+            None => BTreeMap::new(),
+        };
         check_size(parts.iter().map(|(_, bytes)| bytes.len() as u64).sum(), limits)?;
-        let mut files = BTreeMap::new();
         for (name, bytes) in parts {
             if files.insert(name.clone(), Arc::from(bytes)).is_some() {
                 let detail = format!("two files have the name `{name}`; give each its own");
@@ -83,7 +86,7 @@ impl Package {
 
     /// Whether [`Package::from_parts`] would unpack this.
     pub fn is_packed(parts: &[(String, Vec<u8>)]) -> bool {
-        matches!(parts, [(_, bytes)] if archive::is_zip(bytes))
+        packed(parts).is_some()
     }
 
     /// All files, sorted by name; [`Package::from_parts`] makes the same package of them again.
@@ -102,6 +105,14 @@ impl Package {
             same.next().filter(|_| same.next().is_none()).map(|(_, bytes)| bytes)
         })
     }
+}
+
+/// The one archive among the parts, if there is no glTF besides.
+fn packed(parts: &[(String, Vec<u8>)]) -> Option<usize> {
+    let mut archives = (0..parts.len()).filter(|&index| archive::is_zip(&parts[index].1));
+    let only = archives.next().filter(|_| archives.next().is_none())?;
+    let has_root = parts.iter().enumerate().any(|(index, (name, _))| index != only && is_gltf_name(name));
+    (!has_root).then_some(only)
 }
 
 fn is_gltf_name(name: &str) -> bool {
