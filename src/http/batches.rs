@@ -50,7 +50,7 @@ pub async fn list(State(app): State<App>, uri: Uri) -> Result<Json<Value>, Probl
     let page = Page::read(&uri)?;
     let service = &app.service;
     let before = page.after(|id| async move { service.batch(&id).await }).await?;
-    let (batches, more) = app.service.batches(before.as_deref(), page.count).await;
+    let (batches, more) = app.service.batches(before.as_deref(), page.count).await?;
     Ok(list::reply(&batches, more, |batch| &batch.spec.id, |batch| batch.summary()))
 }
 
@@ -59,7 +59,7 @@ pub async fn show(State(app): State<App>, Path(id): Path<String>, headers: Heade
     let batch = app.service.batch(&id).await?;
     let Some(patience) = Patience::of(&app, &headers) else { return Ok(Json(batch.describe()).into_response()) };
     patience.wait_for(&app, batch.finished()).await;
-    batch.settled().await;
+    batch.settled().await?;
     Ok(patience.note(Json(batch.describe()).into_response()))
 }
 
@@ -78,7 +78,7 @@ pub async fn results(State(app): State<App>, Path(id): Path<String>) -> Result<R
 /// `POST /v1/batches/{id}/cancel`: 200 however often; jobs that are over stay as they are.
 pub async fn cancel(State(app): State<App>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
     let batch = app.service.batch(&id).await?;
-    app.service.cancel_batch(&batch).await;
+    app.service.cancel_batch(&batch).await?;
     Ok(Json(batch.describe()))
 }
 

@@ -11,10 +11,14 @@ pub async fn alive() -> Json<Value> {
     Json(json!({ "status": "ok" }))
 }
 
-/// `GET /readyz`: 503 while shutting down.
+/// `GET /readyz`: 503 while shutting down, or while nothing can be stored.
 pub async fn ready(State(app): State<App>) -> Result<Json<Value>, Problem> {
     if app.service.is_draining() {
         return Err(Problem::new(Code::ShuttingDown, "the server finishes its last jobs").retry_after(2));
+    }
+    if app.service.is_stuck() {
+        let detail = "the server cannot write its data; its log says more";
+        return Err(Problem::new(Code::StorageUnavailable, detail).retry_after(2));
     }
     Ok(Json(json!({ "status": "ready" })))
 }

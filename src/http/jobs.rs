@@ -77,7 +77,8 @@ async fn begin(
     let quota = caller.renders_per_day;
     let submission = Submission { id, key, anew, format, quota, webhook, ..Submission::new(order, caller.client) };
     let job = app.service.submit(submission).await?;
-    job.settled().await;
+    // It is accepted, whatever becomes of the ledger now.
+    let _ = job.settled().await;
     let accepted = || accepted(&format!("/v1/jobs/{}", job.spec.id), app.service.describe(&job));
     let Some(patience) = patience else { return Ok(accepted()) };
     let in_time = patience.wait_for(&app, job.finished()).await;
@@ -136,7 +137,7 @@ pub async fn list(State(app): State<App>, uri: Uri) -> Result<Json<Value>, Probl
     let page = Page::read(&uri)?;
     let service = &app.service;
     let before = page.after(|id| async move { service.job(&id).await }).await?;
-    let (jobs, more) = app.service.jobs(before.as_deref(), page.count).await;
+    let (jobs, more) = app.service.jobs(before.as_deref(), page.count).await?;
     Ok(list::reply(&jobs, more, |job| &job.spec.id, |job| app.service.describe(job)))
 }
 
@@ -200,7 +201,7 @@ pub async fn result(
 /// `POST /v1/jobs/{id}/cancel`: 200 with the job, however often and however it has ended.
 pub async fn cancel(State(app): State<App>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
     let job = app.service.job(&id).await?;
-    app.service.cancel(&job).await;
+    app.service.cancel(&job).await?;
     Ok(Json(app.service.describe(&job)))
 }
 

@@ -3,7 +3,7 @@
 
 use super::Service;
 use super::job::{Job, Place, Spec};
-use super::ledger::now;
+use super::ledger::{Leaving, LedgerError, now};
 use super::manifest::Item;
 use super::problem::{Code, Problem};
 use super::scenes::content_id;
@@ -69,10 +69,14 @@ impl Batch {
     }
 
     /// Waits until the ledger has all that has happened so far.
-    pub async fn settled(&self) {
+    ///
+    /// # Errors
+    /// It cannot be written at present.
+    pub async fn settled(&self) -> Result<(), LedgerError> {
         for job in &self.jobs {
-            job.settled().await;
+            job.settled().await?;
         }
+        Ok(())
     }
 
     /// What a client may know of the batch as a whole.
@@ -156,7 +160,7 @@ impl Service {
                 Ok(batch)
             }
             Admission::SameKey(batch) if batch.spec.content == content => {
-                batch.settled().await;
+                batch.settled().await?;
                 Ok(batch)
             }
             Admission::SameId(batch) | Admission::SameKey(batch) => {
@@ -187,10 +191,8 @@ impl Service {
                 Err(Problem::new(Code::SceneNotFound, detail))
             }
             Err(problem) => {
-                // If the ledger takes them after all, they end at once.
-                for job in &batch.jobs {
-                    job.cancel();
-                }
+                let jobs = batch.jobs.iter().map(|job| job.spec.number).collect();
+                self.withdraw(&batch.jobs, Leaving { jobs, batches: vec![batch.spec.number], ..Leaving::default() });
                 Err(problem)
             }
         }
@@ -245,23 +247,23 @@ impl Service {
     pub async fn batch(&self, id: &str) -> Result<Arc<Batch>, Problem> {
         let detail = || format!("there is no batch `{id}`; finished ones are forgotten after a while (GET /v1/limits)");
         let batch = self.core.table.batch(id).ok_or_else(|| Problem::new(Code::BatchNotFound, detail()))?;
-        batch.settled().await;
+        batch.settled().await?;
         Ok(batch)
     }
 
     /// Up to `count` batches older than `before`, newest first, and whether there are more.
-    pub async fn batches(&self, before: Option<&Batch>, count: usize) -> (Vec<Arc<Batch>>, bool) {
+    pub async fn batches(&self, before: Option<&Batch>, count: usize) -> Result<(Vec<Arc<Batch>>, bool), Problem> {
         let (batches, more) = self.core.table.batches(before, count);
         for batch in &batches {
-            batch.settled().await;
+            batch.settled().await?;
         }
-        (batches, more)
+        Ok((batches, more))
     }
 
     /// Cancels what is not over of a batch. Doing so again is fine.
-    pub async fn cancel_batch(&self, batch: &Batch) {
+    pub async fn cancel_batch(&self, batch: &Batch) -> Result<(), Problem> {
         batch.jobs.iter().for_each(|job| self.cancel_soon(job));
-        batch.settled().await;
+        Ok(batch.settled().await?)
     }
 }
 

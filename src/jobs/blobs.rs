@@ -30,6 +30,13 @@ pub enum BlobError {
     Damaged(String),
 }
 
+impl BlobError {
+    /// Whether there is no such blob.
+    pub fn is_missing(&self) -> bool {
+        matches!(self, Self::Store(object_store::Error::NotFound { .. }))
+    }
+}
+
 /// A store of blobs. Cloning gives another handle to the same store.
 #[derive(Debug, Clone)]
 pub struct Blobs {
@@ -51,12 +58,15 @@ impl Blobs {
     pub async fn put(&self, bytes: Bytes) -> Result<BlobRef, BlobError> {
         let (id, bytes) = hashed(bytes).await;
         let blob = BlobRef { id, bytes: bytes.len() as u64 };
-        let key = key(&blob.id);
-        if self.store.head(&key).await.is_ok_and(|present| present.size == blob.bytes) {
-            return Ok(blob);
+        if !self.holds(&blob).await {
+            self.store.put(&key(&blob.id), bytes.into()).await?;
         }
-        self.store.put(&key, bytes.into()).await?;
         Ok(blob)
+    }
+
+    /// Whether a blob is there, by its length.
+    pub async fn holds(&self, blob: &BlobRef) -> bool {
+        self.store.head(&key(&blob.id)).await.is_ok_and(|present| present.size == blob.bytes)
     }
 
     /// Reads a blob and checks it.

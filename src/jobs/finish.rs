@@ -16,7 +16,10 @@ use crate::scene::Warning;
 use bytes::Bytes;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+/// Pause before a result that could not be stored is stored again.
+const RETRY: Duration = Duration::from_millis(500);
 
 /// A render that ended with a film.
 pub(super) struct Ended {
@@ -40,9 +43,7 @@ pub(super) fn finish(ended: Ended, shared: &Shared) {
     let made = catch_unwind(AssertUnwindSafe(|| make(ended))).unwrap_or_else(|_| {
         Err(Problem::new(Code::Internal, "the picture could not be made by a fault of the server"))
     });
-    let stored = made.and_then(|Made { record, file, developed, claim: _claim }| {
-        shared.runtime.block_on(shared.storage.succeed(&job, record, file, &developed))
-    });
+    let stored = made.and_then(|made| store(&made, &job, shared));
     match stored {
         Ok(_) => {
             if let Some(outcome) = job.outcome() {
@@ -60,13 +61,29 @@ pub(super) fn finish(ended: Ended, shared: &Shared) {
     shared.tidy.notify_one();
 }
 
+/// Stores a result and ends its job with it, however long there is no room for it; a server that ends leaves it to the next one.
+fn store(made: &Made, job: &Job, shared: &Shared) -> Result<bool, Problem> {
+    loop {
+        let storing = shared.storage.succeed(job, made.record.clone(), made.file.clone(), &made.developed);
+        match shared.runtime.block_on(storing) {
+            Err(problem) if problem.is(Code::StorageUnavailable) && !job.is_over() => {
+                if *shared.closed.borrow() {
+                    return Ok(false);
+                }
+                std::thread::sleep(RETRY);
+            }
+            stored => return stored,
+        }
+    }
+}
+
 /// What is to be stored.
 struct Made {
     record: Record,
     file: Bytes,
     developed: Developed,
     /// Memory that is free again once this is gone.
-    claim: Claim,
+    _claim: Claim,
 }
 
 fn make(ended: Ended) -> Result<Made, Problem> {
@@ -104,7 +121,7 @@ fn make(ended: Ended) -> Result<Made, Problem> {
     }
     let file = encode(&developed.picture, params, params.output.format, &report.facts())?;
     report.seconds.encode = seconds(begun.elapsed());
-    Ok(Made { record: Record::new(&report), file: file.bytes, developed, claim })
+    Ok(Made { record: Record::new(&report), file: file.bytes, developed, _claim: claim })
 }
 
 /// Encodes a picture and hashes the file.

@@ -16,7 +16,7 @@ impl Service {
             let detail = "this job belongs to a batch, whose jobs are kept and forgotten together: delete the batch";
             return Err(Problem::new(Code::JobConflict, detail));
         }
-        self.cancel(job).await;
+        self.cancel(job).await?;
         self.forget(Leaving { jobs: vec![job.spec.number], ..Leaving::default() }).await
     }
 
@@ -25,7 +25,7 @@ impl Service {
     /// # Errors
     /// The ledger is at fault.
     pub async fn remove_batch(&self, batch: &Batch) -> Result<(), Problem> {
-        self.cancel_batch(batch).await;
+        self.cancel_batch(batch).await?;
         let jobs = batch.jobs.iter().map(|job| job.spec.number).collect();
         self.forget(Leaving { jobs, batches: vec![batch.spec.number], ..Leaving::default() }).await
     }

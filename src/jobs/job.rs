@@ -1,7 +1,7 @@
 //! One job: its request, where it stands, what came of it.
 
 use super::events::{Event, EventKind, EventLog};
-use super::ledger::{Change, Ledger, Restored, Standing};
+use super::ledger::{Change, Ledger, LedgerError, Restored, Standing};
 use super::meters::Meters;
 use super::outcome::{Encoded, Outcome, Preview};
 use super::problem::Problem;
@@ -333,8 +333,11 @@ impl Job {
     }
 
     /// Waits until the ledger has all that has happened so far: what is told then is true after a restart too.
-    pub async fn settled(&self) {
-        self.events.settled().await;
+    ///
+    /// # Errors
+    /// The ledger cannot be written at present.
+    pub async fn settled(&self) -> Result<(), LedgerError> {
+        self.ledger.unless_stuck(self.events.settled()).await
     }
 
     /// Waits until the job is over and the ledger knows.
@@ -344,7 +347,7 @@ impl Job {
             // The sender lives in `self`, so this cannot fail.
             let _ = news.changed().await;
         }
-        self.settled().await;
+        self.events.settled().await;
     }
 
     /// Everything that a client may know.

@@ -147,6 +147,7 @@ impl Service {
         let table = Arc::new(Table::new(limits.queue_length, jobs, batches, found.next));
         let tidy = Arc::new(Notify::new());
         let budget = Budget::new(limits.render_memory_bytes);
+        let closed = watch::Sender::new(false);
         let shared = Arc::new(Shared {
             table: Arc::clone(&table),
             budget: budget.clone(),
@@ -158,6 +159,7 @@ impl Service {
             storage: Arc::clone(&storage),
             tidy: Arc::clone(&tidy),
             runtime: tokio::runtime::Handle::current(),
+            closed: closed.subscribe(),
         });
         let worker = start_worker(shared, factory).await?;
         let desks = std::thread::available_parallelism().map_or(2, |cores| cores.get().max(2));
@@ -176,7 +178,7 @@ impl Service {
                 import_memory: Arc::new(Semaphore::new(mebibytes(limits.import_memory_bytes) as usize)),
                 tidy,
                 draining: AtomicBool::new(false),
-                closed: watch::Sender::new(false),
+                closed,
                 webhooks: OnceLock::new(),
                 trial: OnceLock::new(),
                 limits,
@@ -252,17 +254,17 @@ impl Service {
     pub async fn job(&self, id: &str) -> Result<Arc<Job>, Problem> {
         let detail = || format!("there is no job `{id}`; finished jobs are forgotten after a while (GET /v1/limits)");
         let job = self.core.table.get(id).ok_or_else(|| Problem::new(Code::JobNotFound, detail()))?;
-        job.settled().await;
+        job.settled().await?;
         Ok(job)
     }
 
     /// Up to `count` jobs older than `before`, newest first, and whether there are more.
-    pub async fn jobs(&self, before: Option<&Job>, count: usize) -> (Vec<Arc<Job>>, bool) {
+    pub async fn jobs(&self, before: Option<&Job>, count: usize) -> Result<(Vec<Arc<Job>>, bool), Problem> {
         let (jobs, more) = self.core.table.page(before, count);
         for job in &jobs {
-            job.settled().await;
+            job.settled().await?;
         }
-        (jobs, more)
+        Ok((jobs, more))
     }
 
     /// Everything that a client may know of a job.
@@ -271,9 +273,9 @@ impl Service {
     }
 
     /// Cancels a job: at once as far as clients see; the device drops it after its slice. One that is over stays as it is.
-    pub async fn cancel(&self, job: &Job) {
+    pub async fn cancel(&self, job: &Job) -> Result<(), Problem> {
         self.cancel_soon(job);
-        job.settled().await;
+        Ok(job.settled().await?)
     }
 
     /// Cancels a job for which nobody waits any more.
@@ -286,6 +288,11 @@ impl Service {
     /// Whether new jobs are refused.
     pub fn is_draining(&self) -> bool {
         self.core.draining.load(Ordering::Acquire)
+    }
+
+    /// Whether the storage cannot be written at present (a full disk, say).
+    pub fn is_stuck(&self) -> bool {
+        self.core.storage.ledger.is_stuck()
     }
 
     /// Refuses new jobs, waits until the present ones are over (at most `patience`), and ends what listens. What is left
@@ -303,7 +310,8 @@ impl Service {
             let goes_on = |job: &Job| self.core.storage.is_durable() && !job.spec.attended;
             for job in under_way.iter().filter(|job| !goes_on(job)) {
                 self.fail(job, Problem::new(Code::ShuttingDown, "the server shut down before the job was done"));
-                job.settled().await;
+                // Whoever waits for it hears of it all the same.
+                let _ = job.settled().await;
             }
             let (done, suspended) = oneshot::channel();
             if self.core.worker.send(Message::Suspend(done)).is_ok() {

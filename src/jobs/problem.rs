@@ -143,6 +143,11 @@ impl Problem {
         Self::build(code.id(), code.status(), code.title(), detail.into())
     }
 
+    /// Whether it is of a code.
+    pub fn is(&self, code: Code) -> bool {
+        self.code == code.id()
+    }
+
     /// Faults of parameters, each with its place; the whole of a body is none.
     pub fn fields(code: Code, mut errors: Vec<FieldError>) -> Self {
         let detail = said(&errors);

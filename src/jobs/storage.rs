@@ -5,7 +5,9 @@ use super::batch::BatchSpec;
 use super::blobs::{BlobError, BlobRef, Blobs};
 use super::job::Job;
 use super::ledger::{Change, Kept, Leaving, Ledger, LedgerError, Restored, ScenePage, SceneRow};
-use super::ledger::{audit, batches, jobs, known_blobs, next_batch, next_number, now, offers_image, offers_scene};
+use super::ledger::{
+    audit, batches, is_new, jobs, known_blobs, next_batch, next_number, now, offers_image, offers_scene,
+};
 use super::ledger::{scene, scenes, unused_blobs, usage};
 use super::outcome::{Developed, Outcome, Record};
 use super::problem::{Code, Problem};
@@ -13,14 +15,10 @@ use super::saved::SavedFilm;
 use bytes::Bytes;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
 use tokio::sync::RwLock;
 
 /// Seconds after which a client that met a fault of the storage should try again.
 const RETRY_SECONDS: u32 = 10;
-
-/// Longest time that a client waits for the ledger to take its job.
-const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Why the storage cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -34,6 +32,12 @@ pub enum StorageError {
     /// The ledger.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
+    /// There are blobs, and a ledger that has never named any.
+    #[error(
+        "the folder holds {0} files of an earlier server in `blobs`, but no ledger that knows them: put its `ledger.sqlite` back, or move \
+         `blobs` away"
+    )]
+    Orphans(usize),
 }
 
 /// What outlives a request, and a process where there is a folder for it.
@@ -73,9 +77,8 @@ impl Storage {
         let (ledger, blobs) = match folder {
             None => (Ledger::open(None)?, Blobs::in_memory()),
             Some(folder) => {
-                let blobs = folder.join("blobs");
-                std::fs::create_dir_all(&blobs)?;
-                (Ledger::open(Some(&folder.join("ledger.sqlite")))?, Blobs::in_folder(&blobs)?)
+                std::fs::create_dir_all(folder.join("blobs"))?;
+                open_folder(folder).await?
             }
         };
         let jobs = ledger.ask(jobs).await?;
@@ -111,12 +114,13 @@ impl Storage {
         files: impl Iterator<Item = (&'a str, &'a Arc<[u8]>)>,
     ) -> Result<bool, Problem> {
         let _gate = self.gate.read().await;
-        if self.ledger.commit(Change::UseScene(id.to_owned())).await.is_ok() {
-            return Ok(false);
-        }
+        // Also what is known already: a file that was lost comes back with the upload.
         let mut stored = Vec::new();
         for (name, bytes) in files {
             stored.push((name.to_owned(), self.put(Bytes::from_owner(Arc::clone(bytes))).await?));
+        }
+        if self.known(Change::UseScene(id.to_owned())).await? {
+            return Ok(false);
         }
         self.commit(Change::Scene { id: id.to_owned(), upload_bytes, files: stored }).await?;
         Ok(true)
@@ -125,22 +129,34 @@ impl Storage {
     /// Stores an image under the id that its content has, and says whether it is new.
     pub async fn store_image(&self, id: &str, bytes: Bytes) -> Result<bool, Problem> {
         let _gate = self.gate.read().await;
-        if self.ledger.commit(Change::UseImage(id.to_owned())).await.is_ok() {
+        let blob = self.put(bytes).await?;
+        if self.known(Change::UseImage(id.to_owned())).await? {
             return Ok(false);
         }
-        let blob = self.put(bytes).await?;
         self.commit(Change::Image(blob)).await?;
         Ok(true)
     }
 
-    /// A scene's files, the deleted one's too.
+    /// Whether the ledger took a change, which it refuses for what it does not know.
+    async fn known(&self, change: Change) -> Result<bool, Problem> {
+        taken(self.ledger.commit(change).await)
+    }
+
+    /// A scene's files, the deleted one's too; none: there is no such scene, or a file of it is lost.
     pub async fn scene(&self, id: &str) -> Result<Option<SceneFiles>, Problem> {
         let wanted = id.to_owned();
-        let found = self.ledger.ask(move |c| scene(c, &wanted)).await.map_err(|error| fault(&error))?;
+        let found = self.ledger.ask(move |c| scene(c, &wanted)).await?;
         let Some((row, names)) = found else { return Ok(None) };
         let mut files = Vec::new();
         for (name, blob) in names {
-            files.push((name, self.get(&blob).await?.to_vec()));
+            match self.blobs.get(&blob).await {
+                Ok(bytes) => files.push((name, bytes.to_vec())),
+                Err(error) if error.is_missing() => {
+                    tracing::error!(%error, scene = %id, "a file is lost: the scene has to be uploaded again");
+                    return Ok(None);
+                }
+                Err(error) => return Err(fault(&error)),
+            }
         }
         Ok(Some(SceneFiles { row, files }))
     }
@@ -148,38 +164,29 @@ impl Storage {
     /// A page of scenes by id.
     pub async fn scenes(&self, after: &str, count: usize) -> Result<ScenePage, Problem> {
         let after = after.to_owned();
-        self.ledger.ask(move |c| scenes(c, &after, count)).await.map_err(|error| fault(&error))
+        Ok(self.ledger.ask(move |c| scenes(c, &after, count)).await?)
     }
 
     /// Whether there is a scene that clients may name.
     pub async fn offers_scene(&self, id: &str) -> Result<bool, Problem> {
         let id = id.to_owned();
-        self.ledger.ask(move |c| offers_scene(c, &id)).await.map_err(|error| fault(&error))
+        Ok(self.ledger.ask(move |c| offers_scene(c, &id)).await?)
     }
 
     /// Whether there is an image that clients may name.
     pub async fn offers_image(&self, id: &str) -> Result<bool, Problem> {
         let id = id.to_owned();
-        self.ledger.ask(move |c| offers_image(c, &id)).await.map_err(|error| fault(&error))
+        Ok(self.ledger.ask(move |c| offers_image(c, &id)).await?)
     }
 
     /// Deletes a scene or an image as far as clients see; false if there is none.
     pub async fn delete(&self, change: Change) -> Result<bool, Problem> {
-        match self.ledger.commit(change).await {
-            Ok(()) => Ok(true),
-            Err(LedgerError::Refused(_)) => Ok(false),
-            Err(error) => Err(fault(&error)),
-        }
+        self.known(change).await
     }
 
     /// Waits until the ledger has a job that was sent to it; false: its scene or its image is gone.
     pub async fn accepted(&self, sent: impl Future<Output = Result<(), LedgerError>>) -> Result<bool, Problem> {
-        match tokio::time::timeout(PATIENCE, sent).await {
-            Ok(Ok(())) => Ok(true),
-            Ok(Err(LedgerError::Refused(_))) => Ok(false),
-            Ok(Err(error)) => Err(fault(&error)),
-            Err(late) => Err(fault(&late)),
-        }
+        taken(sent.await)
     }
 
     /// Stores a result and ends its job with it; false if the job was over.
@@ -194,7 +201,8 @@ impl Storage {
         let _gate = self.gate.read().await;
         let outcome = Outcome { record, file: self.put(file).await?, picture: Some(self.put(developed).await?) };
         let changed = job.succeed(Arc::new(outcome), false);
-        job.settled().await;
+        // While the ledger cannot be written nothing is deleted either, so that the gate may open.
+        let _ = job.settled().await;
         Ok(changed)
     }
 
@@ -207,8 +215,11 @@ impl Storage {
         });
         let there: i64 = there.await.unwrap_or(0);
         let Some(outcome) = other.outcome().filter(|_| there == 1) else { return false };
+        if !self.blobs.holds(&outcome.file).await {
+            return false;
+        }
         job.succeed(outcome, true);
-        job.settled().await;
+        let _ = job.settled().await;
         true
     }
 
@@ -235,12 +246,12 @@ impl Storage {
     /// there.
     pub async fn tidy(&self, kept: Kept, tell: impl FnOnce(&Leaving)) -> Result<(), Problem> {
         let _gate = self.gate.write().await;
-        let leaving = self.ledger.ask(move |c| Leaving::choose(c, &kept)).await.map_err(|error| fault(&error))?;
+        let leaving = self.ledger.ask(move |c| Leaving::choose(c, &kept)).await?;
         if !leaving.is_empty() {
             self.forget(&leaving).await?;
             tell(&leaving);
         }
-        let unused = self.ledger.ask(unused_blobs).await.map_err(|error| fault(&error))?;
+        let unused = self.ledger.ask(unused_blobs).await?;
         if !unused.is_empty() {
             // First the names, then the files: what a crash leaves between is a stray of the next start.
             self.commit(Change::DropBlobs(unused.clone())).await?;
@@ -261,7 +272,22 @@ impl Storage {
     }
 
     async fn commit(&self, change: Change) -> Result<(), Problem> {
-        self.ledger.commit(change).await.map_err(|error| fault(&error))
+        Ok(self.ledger.commit(change).await?)
+    }
+}
+
+/// Whether the ledger took a change; it refuses what does not fit.
+fn taken(done: Result<(), LedgerError>) -> Result<bool, Problem> {
+    match done {
+        Ok(()) => Ok(true),
+        Err(LedgerError::Refused(_)) => Ok(false),
+        Err(error) => Err(error.into()),
+    }
+}
+
+impl From<LedgerError> for Problem {
+    fn from(error: LedgerError) -> Self {
+        fault(&error)
     }
 }
 
@@ -272,10 +298,21 @@ fn fault(error: &dyn std::error::Error) -> Problem {
     Problem::new(Code::StorageUnavailable, detail).retry_after(RETRY_SECONDS)
 }
 
+/// Ledger and blobs of a folder. Blobs without a ledger are somebody's who has restored one and not the other: nothing is made, and nothing deleted.
+async fn open_folder(folder: &Path) -> Result<(Ledger, Blobs), StorageError> {
+    let (file, blobs) = (folder.join("ledger.sqlite"), Blobs::in_folder(&folder.join("blobs"))?);
+    if is_new(&file)? {
+        match blobs.list().await?.len() {
+            0 => {}
+            orphans => return Err(StorageError::Orphans(orphans)),
+        }
+    }
+    Ok((Ledger::open(Some(&file))?, blobs))
+}
+
 /// Checks a data folder that no server uses: every rule that is broken, in words.
 pub async fn audit_folder(folder: &Path) -> Result<Vec<String>, StorageError> {
-    let ledger = Ledger::open(Some(&folder.join("ledger.sqlite")))?;
-    let blobs = Blobs::in_folder(&folder.join("blobs"))?;
+    let (ledger, blobs) = open_folder(folder).await?;
     let mut faults = ledger.ask(audit).await?;
     for id in ledger.ask(known_blobs).await? {
         if let Err(error) = blobs.get(&id).await {
@@ -284,4 +321,23 @@ pub async fn audit_folder(folder: &Path) -> Result<Vec<String>, StorageError> {
     }
     ledger.close().await;
     Ok(faults)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn files_without_their_ledger_are_not_thrown_away() {
+        let folder = tempfile::tempdir().unwrap();
+        let open = || Storage::open(Some(folder.path()));
+        let (storage, _) = open().await.unwrap();
+        storage.store_image("sha256-x", Bytes::from_static(b"x")).await.unwrap();
+        storage.ledger.close().await;
+        open().await.unwrap().0.ledger.close().await;
+        std::fs::remove_file(folder.path().join("ledger.sqlite")).unwrap();
+        assert!(matches!(open().await, Err(StorageError::Orphans(1))));
+        assert!(matches!(audit_folder(folder.path()).await, Err(StorageError::Orphans(1))));
+        assert!(matches!(open().await, Err(StorageError::Orphans(1))), "nothing was made meanwhile");
+    }
 }

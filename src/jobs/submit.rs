@@ -1,7 +1,7 @@
 //! How a request becomes a job: checked, admitted, in the ledger, and only then told.
 
 use super::job::{Job, Order, Spec};
-use super::ledger::{LedgerError, now};
+use super::ledger::{Change, Leaving, LedgerError, now};
 use super::memory::film_bytes;
 use super::problem::{Code, Problem};
 use super::saved::ENGINE_VERSION;
@@ -161,8 +161,8 @@ impl Service {
                 return Err(Problem::new(Code::SceneNotFound, detail));
             }
             Err(problem) => {
-                // If the ledger takes it after all, it ends at once.
-                job.cancel();
+                let leaving = Leaving { jobs: vec![job.spec.number], ..Leaving::default() };
+                self.withdraw(std::slice::from_ref(job), leaving);
                 return Err(problem);
             }
         }
@@ -170,6 +170,16 @@ impl Service {
             tokio::spawn(self.clone().compile(Arc::clone(job), order, None));
         }
         Ok(())
+    }
+
+    /// Takes back jobs that the ledger did not take in time, with their ids and keys: the client was told that they were refused. If it takes
+    /// them after all, they end and leave at once.
+    pub(super) fn withdraw(&self, jobs: &[Arc<Job>], leaving: Leaving) {
+        for job in jobs {
+            job.cancel();
+        }
+        self.core.table.forget(&leaving.jobs, &leaving.batches);
+        self.core.storage.ledger.record(Change::Forget(leaving), || {});
     }
 
     /// Whether results of others, if there are any, can be given in a format.

@@ -20,7 +20,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
-use tokio::sync::{Notify, oneshot};
+use tokio::sync::{Notify, oneshot, watch};
 
 /// Makes an engine, on the thread that will own it; again after the device was lost.
 pub type EngineFactory = Box<dyn Fn() -> Result<Box<dyn Engine>, RenderError> + Send>;
@@ -65,6 +65,8 @@ pub(super) struct Shared {
     /// To be told when jobs are over, so that old ones leave.
     pub tidy: Arc<Notify>,
     pub runtime: tokio::runtime::Handle,
+    /// Becomes true when the service is over.
+    pub closed: watch::Receiver<bool>,
 }
 
 pub(super) struct Worker {

@@ -188,3 +188,27 @@ fn what_a_clock_has_ended_serves_nobody_else() {
         assert_eq!(listen(&server, &id, None, |_| false).pop().expect("an event").data["cached"], false);
     }
 }
+
+#[test]
+fn a_lost_file_comes_back_with_its_upload() {
+    let folder = tempfile::tempdir().unwrap();
+    let blobs = folder.path().join("blobs");
+    let (scene, done) = {
+        let server = keeping(folder.path());
+        let scene = server.upload();
+        let done = server.begin(&scene, &tiny());
+        server.wait_for(&done, &["succeeded"]);
+        (scene, done)
+    };
+    std::fs::remove_dir_all(&blobs).unwrap();
+    let server = keeping(folder.path());
+    let order = json!({ "scene": scene, "params": tiny() });
+    post(&server, "lost", &order).problem(404, "scene_not_found");
+    assert_eq!(server.upload(), scene);
+    // The picture that was made before is lost as well, so that it is made anew.
+    let again = post(&server, "found", &order).json()["id"].as_str().unwrap().to_owned();
+    server.wait_for(&again, &["succeeded"]);
+    assert!(!result(&server, &again).is_empty());
+    // It has the same bytes, and so is there again for the first job, too.
+    assert!(!result(&server, &done).is_empty());
+}

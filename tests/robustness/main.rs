@@ -3,6 +3,7 @@
 mod apart;
 mod assets;
 mod damage;
+mod full_disk;
 mod fuzz;
 mod invalid;
 mod kills;

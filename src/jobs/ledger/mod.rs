@@ -16,18 +16,22 @@ pub use read::{
     usage,
 };
 pub use retention::{Kept, Leaving, known_blobs, unused_blobs};
+pub use schema::is_new;
 
 use rusqlite::{Connection, ErrorCode};
 use std::path::Path;
 use std::sync::mpsc;
 use std::time::Duration;
-use tokio::sync::oneshot;
+use tokio::sync::{oneshot, watch};
 
 /// Changes of one transaction, at the most.
 const BATCH: usize = 256;
 
 /// Pause after the medium was at fault (a full disk, say), until the same changes are tried again.
 const RETRY: Duration = Duration::from_millis(500);
+
+/// How long the medium may be at fault before whoever waits is told.
+const GRACE: Duration = Duration::from_secs(1);
 
 /// Why the ledger did not take a change, or cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -49,6 +53,9 @@ pub enum LedgerError {
     /// Another process has it.
     #[error("another server uses this folder")]
     InUse,
+    /// The medium is at fault (a full disk, say). What was given to it is written once that is over.
+    #[error("the ledger cannot be written at present")]
+    Stuck,
     /// Its thread has ended.
     #[error("the ledger is closed")]
     Closed,
@@ -70,6 +77,8 @@ enum Command {
 #[derive(Debug, Clone)]
 pub struct Ledger {
     commands: mpsc::Sender<Command>,
+    /// Whether the last try to write failed.
+    is_stuck: watch::Receiver<bool>,
 }
 
 impl Ledger {
@@ -77,8 +86,38 @@ impl Ledger {
     pub fn open(file: Option<&Path>) -> Result<Self, LedgerError> {
         let connection = schema::open(file)?;
         let (commands, inbox) = mpsc::channel();
-        std::thread::spawn(move || serve(connection, &inbox));
-        Ok(Self { commands })
+        let (stuck, is_stuck) = watch::channel(false);
+        std::thread::spawn(move || serve(connection, &inbox, &stuck));
+        Ok(Self { commands, is_stuck })
+    }
+
+    /// Whether it cannot be written at present.
+    pub fn is_stuck(&self) -> bool {
+        *self.is_stuck.borrow()
+    }
+
+    /// Waits for what the ledger does, though not while the medium is at fault.
+    ///
+    /// # Errors
+    /// [`LedgerError::Stuck`].
+    pub async fn unless_stuck<T>(&self, work: impl Future<Output = T>) -> Result<T, LedgerError> {
+        let mut news = self.is_stuck.clone();
+        let stuck = async {
+            loop {
+                // Its thread has ended: `work` says so.
+                if news.wait_for(|stuck| *stuck).await.is_err() {
+                    std::future::pending::<()>().await;
+                }
+                if tokio::time::timeout(GRACE, news.wait_for(|stuck| !*stuck)).await.is_err() {
+                    return;
+                }
+            }
+        };
+        tokio::select! {
+            biased;
+            done = work => Ok(done),
+            () = stuck => Err(LedgerError::Stuck),
+        }
     }
 
     /// Writes a change some time soon, after all that were given before; `then` is called when it is durable.
@@ -91,22 +130,24 @@ impl Ledger {
         let _ = self.commands.send(Command::Write(Box::new(change), Box::new(then)));
     }
 
-    /// Writes a change after all that were given before; what it returns waits until it is durable.
+    /// Writes a change after all that were given before; what it returns waits until it is durable. One that is told
+    /// [`LedgerError::Stuck`] is written all the same, later.
     pub fn commit(&self, change: Change) -> impl Future<Output = Result<(), LedgerError>> + Send + use<> {
         let (tell, told) = oneshot::channel();
         let then = move |done| {
             let _ = tell.send(done);
         };
         let _ = self.commands.send(Command::Write(Box::new(change), Box::new(then)));
-        async { told.await.unwrap_or(Err(LedgerError::Closed)) }
+        let ledger = self.clone();
+        async move { ledger.unless_stuck(told).await?.unwrap_or(Err(LedgerError::Closed)) }
     }
 
     /// Ends the ledger after all that was given before: its file is free for another process then, and later changes are not
-    /// taken.
+    /// taken. While the medium is at fault it does not end: what nobody was told of is then lost with the process.
     pub async fn close(&self) {
         let (tell, told) = oneshot::channel();
         let _ = self.commands.send(Command::Close(tell));
-        let _ = told.await;
+        let _ = self.unless_stuck(told).await;
     }
 
     /// Asks something, after all changes that were given before.
@@ -119,35 +160,35 @@ impl Ledger {
             let _ = tell.send(question(connection));
         };
         let _ = self.commands.send(Command::Read(Box::new(asked)));
-        Ok(told.await.map_err(|_| LedgerError::Closed)??)
+        Ok(self.unless_stuck(told).await?.map_err(|_| LedgerError::Closed)??)
     }
 }
 
 /// The ledger's thread.
-fn serve(connection: Connection, inbox: &mpsc::Receiver<Command>) {
+fn serve(connection: Connection, inbox: &mpsc::Receiver<Command>, stuck: &watch::Sender<bool>) {
     let mut batch = Vec::new();
     while let Ok(first) = inbox.recv() {
         for command in std::iter::once(first).chain(inbox.try_iter().take(BATCH)) {
             match command {
                 Command::Write(change, then) => batch.push((change, then)),
                 Command::Read(question) => {
-                    write(&connection, &mut batch);
+                    write(&connection, &mut batch, stuck);
                     question(&connection);
                 }
                 Command::Close(done) => {
-                    write(&connection, &mut batch);
+                    write(&connection, &mut batch, stuck);
                     drop(connection);
                     let _ = done.send(());
                     return;
                 }
             }
         }
-        write(&connection, &mut batch);
+        write(&connection, &mut batch, stuck);
     }
 }
 
 /// Writes a batch, however long it takes, and empties it.
-fn write(connection: &Connection, batch: &mut Vec<(Box<Change>, Then)>) {
+fn write(connection: &Connection, batch: &mut Vec<(Box<Change>, Then)>, stuck: &watch::Sender<bool>) {
     if batch.is_empty() {
         return;
     }
@@ -156,10 +197,12 @@ fn write(connection: &Connection, batch: &mut Vec<(Box<Change>, Then)>) {
             Ok(results) => break results,
             Err(error) => {
                 tracing::error!(%error, "the ledger cannot be written; trying again");
+                stuck.send_replace(true);
                 std::thread::sleep(RETRY);
             }
         }
     };
+    stuck.send_if_modified(|stuck| std::mem::take(stuck));
     for ((_, then), result) in batch.drain(..).zip(results) {
         then(result.map_err(LedgerError::Refused));
     }

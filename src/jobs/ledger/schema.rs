@@ -17,13 +17,23 @@ pub fn open(file: Option<&Path>) -> Result<Connection, LedgerError> {
         Some(file) => Connection::open(file)?,
         None => Connection::open_in_memory()?,
     };
-    prepare(&connection).map_err(|error| match error {
+    prepare(&connection).map_err(in_use)?;
+    Ok(connection)
+}
+
+/// Whether there is no ledger in a file, or an empty one that no server has opened.
+pub fn is_new(file: &Path) -> Result<bool, LedgerError> {
+    let version = || Connection::open(file)?.pragma_query_value(None, "user_version", |row| row.get::<_, u32>(0));
+    Ok(!file.exists() || version().map_err(|error| in_use(error.into()))? == 0)
+}
+
+fn in_use(error: LedgerError) -> LedgerError {
+    match error {
         LedgerError::Broken(rusqlite::Error::SqliteFailure(failure, _)) if failure.code == ErrorCode::DatabaseBusy => {
             LedgerError::InUse
         }
         other => other,
-    })?;
-    Ok(connection)
+    }
 }
 
 fn prepare(connection: &Connection) -> Result<(), LedgerError> {

@@ -317,3 +317,16 @@ async fn a_batch_is_written_whole_and_leaves_whole() {
     assert_eq!(ledger.ask(next_batch).await.unwrap(), 2);
     sound(&ledger).await;
 }
+
+#[tokio::test]
+async fn nobody_waits_for_a_medium_that_is_at_fault() {
+    let ledger = with_job(1).await;
+    assert!(!ledger.is_stuck());
+    ledger.ask(|c| c.pragma_update(None, "query_only", true)).await.unwrap();
+    let begun = std::time::Instant::now();
+    assert!(matches!(ledger.commit(scene("sha256-t")).await, Err(LedgerError::Stuck)));
+    assert!(matches!(ledger.ask(jobs).await, Err(LedgerError::Stuck)));
+    ledger.close().await;
+    assert!(ledger.is_stuck());
+    assert!(begun.elapsed() < 8 * GRACE, "{:?}", begun.elapsed());
+}
