@@ -199,7 +199,7 @@ fn large_bodies_are_refused_before_they_are_read() {
     let length = "content-length: 1000000000";
     assert_eq!(raw(&server, &head("/v1/scenes", "model/gltf-binary", length)).0, "413");
     assert_eq!(raw(&server, &head("/v1/render", "multipart/form-data; boundary=a", length)).0, "413");
-    assert_eq!(raw(&server, &head("/v1/jobs", "application/json", "content-length: 2000000")).0, "413");
+    assert_eq!(raw(&server, &head("/v1/jobs", "application/json", "content-length: 3000000")).0, "413");
 }
 
 #[test]

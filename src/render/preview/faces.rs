@@ -1,7 +1,7 @@
-//! Shadow maps' frusta, fitted to what can cast a shadow.
+//! Shadow maps' frusta, fitted to what can cast a shadow and, for suns, to what the camera sees.
 
 use super::layout::Projection;
-use crate::compile::{Bounds, PunctualKind, PunctualLight};
+use crate::compile::{Bounds, Lens, PunctualKind, PunctualLight, View};
 use crate::params::MAX_SHADOW_LIGHTS;
 use glam::{Vec3, Vec4};
 
@@ -14,14 +14,16 @@ const WIDEST: f32 = 1.1;
 const NEAREST: f32 = 1e-4;
 /// Room at the edges of a map.
 const MARGIN: f32 = 1.001;
+/// Part of the scene's map below which what the camera sees gets a map of its own.
+const WORTH_A_MAP: f32 = 0.5;
 /// Faces of a cube overlap, so that no direction falls between two of them.
 const CUBE_SCALE: f32 = 0.999;
 
-/// The maps of a light: none if its shadows cannot reach the scene.
-pub fn fit(light: &PunctualLight, bounds: &Bounds) -> Vec<Projection> {
+/// The maps of a light, of which the first one that has a place in it tells of it: none if its shadows cannot reach the scene.
+pub fn fit(light: &PunctualLight, bounds: &Bounds, view: &View) -> Vec<Projection> {
     let direction = Vec3::from_array(light.direction);
     if light.kind == PunctualKind::Directional as u32 {
-        return vec![parallel(direction, bounds)];
+        return sun(direction, bounds, view);
     }
     let position = Vec3::from_array(light.position);
     let to_centre = bounds.centre().as_vec3() - position;
@@ -68,14 +70,61 @@ fn rows(axes: [Vec3; 3], origin: Vec3) -> [[f32; 4]; 3] {
     axes.map(|axis| axis.extend(-axis.dot(origin)).to_array())
 }
 
-fn parallel(direction: Vec3, bounds: &Bounds) -> Projection {
+/// A map of the whole scene, and before it one of what the camera sees, where that is a small part: the first is still needed for what
+/// is seen through glass.
+fn sun(direction: Vec3, bounds: &Bounds, view: &View) -> Vec<Projection> {
     let axes = axes(direction);
-    let centre = bounds.centre().as_vec3();
-    let half =
-        axes.map(|axis| corners(bounds).map(|corner| axis.dot(corner - centre).abs()).fold(1e-30, f32::max) * MARGIN);
+    let whole = axes.map(|axis| range(corners(bounds), axis));
+    let seen = seen(bounds, view);
+    let mut part = whole;
+    for (range_of, axis) in part.iter_mut().zip(axes).take(2) {
+        let [low, high] = range(seen.iter().copied(), axis);
+        *range_of = [range_of[0].max(low), range_of[1].min(high)];
+    }
+    let side = |of: &[[f32; 2]; 3]| (of[0][1] - of[0][0]).max(of[1][1] - of[1][0]);
+    let narrower = side(&part) > 0.0 && side(&part) < WORTH_A_MAP * side(&whole);
+    narrower.then_some(part).into_iter().chain([whole]).map(|ranges| parallel(axes, ranges)).collect()
+}
+
+/// Least and largest coordinate along an axis.
+fn range(points: impl Iterator<Item = Vec3>, axis: Vec3) -> [f32; 2] {
+    points.map(|p| axis.dot(p)).fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
+}
+
+/// Corners of the part of the camera's frustum that holds what it sees of the box; none if it sees nothing of it.
+fn seen(bounds: &Bounds, view: &View) -> Vec<Vec3> {
+    let eye = Vec3::from(view.to_world.translation);
+    let m = view.to_world.matrix3;
+    let [right, up, forward] = [m.x_axis, m.y_axis, -m.z_axis].map(Vec3::from);
+    let [nearest, farthest] = range(corners(bounds).map(|corner| corner - eye), forward);
+    if farthest <= 0.0 {
+        return Vec::new();
+    }
+    // Pixels are filtered over their edges.
+    let border = 1.0 + 4.0 / view.height.min(view.width).max(1) as f32;
+    let aspect = view.width as f32 / view.height.max(1) as f32;
+    let half_height = |ahead: f32| match view.lens {
+        Lens::Perspective { tan_half_yfov, .. } => tan_half_yfov * ahead,
+        Lens::Orthographic { ymag } => ymag,
+    };
+    let mut found = Vec::with_capacity(8);
+    for ahead in [nearest.max(0.0), farthest] {
+        let high = half_height(ahead) * border;
+        for (x, y) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+            found.push(eye + forward * ahead + right * (x * high * aspect) + up * (y * high));
+        }
+    }
+    found
+}
+
+/// A map of what lies between coordinates along its axes.
+fn parallel(axes: [Vec3; 3], ranges: [[f32; 2]; 3]) -> Projection {
+    let centre = ranges.map(|[low, high]| 0.5 * (low + high));
+    let half = ranges.map(|[low, high]| (0.5 * (high - low) * MARGIN).max(1e-30));
     let side = half[0].max(half[1]);
+    let origin = axes[0] * centre[0] + axes[1] * centre[1] + axes[2] * (centre[2] - half[2]);
     Projection {
-        rows: rows(axes, centre - axes[2] * half[2]),
+        rows: rows(axes, origin),
         scale: [1.0 / side; 2],
         offset: [0.0; 2],
         near: 0.0,
@@ -121,7 +170,7 @@ fn sees(face: &Projection, bounds: &Bounds) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     const BOUNDS: Bounds = Bounds { min: Vec3::new(-1.0, 0.0, -2.0), max: Vec3::new(1.0, 3.0, 2.0) };
@@ -137,6 +186,49 @@ mod tests {
             outer,
             ..PunctualLight::default()
         }
+    }
+
+    /// Looks at a point from a distance along -z.
+    pub fn camera(at: Vec3, distance: f32) -> View {
+        View {
+            to_world: glam::Affine3A::from_translation(at + Vec3::Z * distance),
+            way: Vec::new(),
+            lens: Lens::Perspective {
+                tan_half_yfov: 0.1,
+                aperture_radius: 0.0,
+                focus_distance: 1.0,
+                blades: 0,
+                blade_rotation: 0.0,
+            },
+            width: 200,
+            height: 100,
+            filter: crate::params::Filter::default(),
+            transparent: false,
+        }
+    }
+
+    fn fit(light: &PunctualLight, bounds: &Bounds) -> Vec<Projection> {
+        super::fit(light, bounds, &camera(bounds.centre().as_vec3(), 100.0))
+    }
+
+    #[test]
+    fn a_sun_has_a_finer_map_of_what_a_camera_sees_from_nearby() {
+        let bounds = Bounds { min: Vec3::new(-50.0, 0.0, -50.0), max: Vec3::new(50.0, 20.0, 50.0) };
+        let sun = light(PunctualKind::Directional, Vec3::ZERO, Vec3::new(1.0, -2.0, 0.5), 0.0);
+        let view = |distance| camera(Vec3::new(10.0, 5.0, -49.0), distance);
+        assert_eq!(super::fit(&sun, &bounds, &view(400.0)).len(), 1);
+        let maps = super::fit(&sun, &bounds, &view(3.0));
+        assert_eq!(maps.len(), 2);
+        assert!(maps[0].scale[0] > 5.0 * maps[1].scale[0]);
+        // What is in the picture is in the map; what is beside it is in the other one, at the same depth.
+        for (point, is_seen) in [(Vec3::new(10.5, 5.2, -49.5), true), (Vec3::new(-40.0, 1.0, 40.0), false)] {
+            let [fine, whole] = [0, 1].map(|map| projected(&maps[map], point));
+            assert_eq!(fine.0.abs() <= 1.0 && fine.1.abs() <= 1.0, is_seen);
+            assert!(whole.0.abs() <= 1.0 && whole.1.abs() <= 1.0);
+            assert!((fine.2 - whole.2).abs() < 1e-5);
+        }
+        // A camera that looks away sees nothing of it, and needs no map of its own.
+        assert_eq!(super::fit(&sun, &bounds, &camera(Vec3::new(0.0, 0.0, -200.0), 1.0)).len(), 1);
     }
 
     /// Clip coordinates and depth.

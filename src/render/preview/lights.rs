@@ -2,7 +2,7 @@
 
 use super::faces;
 use super::layout::{PreviewLight, Projection};
-use crate::compile::{CompiledScene, PunctualKind, PunctualLight};
+use crate::compile::{CompiledScene, PunctualKind, PunctualLight, View};
 use crate::params::{AttenuationKind, PreviewParams, ShadowAlgorithm};
 use glam::Vec3;
 use std::cmp::Reverse;
@@ -23,7 +23,7 @@ pub struct PreviewLights {
 
 impl PreviewLights {
     /// The lights of a scene under the given choices. A light that ends where it begins is left out.
-    pub fn new(scene: &CompiledScene, lights: &[PunctualLight], params: &PreviewParams) -> Self {
+    pub fn new(scene: &CompiledScene, lights: &[PunctualLight], params: &PreviewParams, view: &View) -> Self {
         let end = |source: &PunctualLight| PreviewLight {
             source: *source,
             radius: radius(source, params),
@@ -35,11 +35,11 @@ impl PreviewLights {
         lights.sort_by_key(|light| light.radius.is_finite());
         let unbounded = lights.iter().filter(|light| !light.radius.is_finite()).count() as u32;
         let mut all = Self { lights, unbounded, faces: Vec::new() };
-        all.cast_shadows(scene, params);
+        all.cast_shadows(scene, params, view);
         all
     }
 
-    fn cast_shadows(&mut self, scene: &CompiledScene, params: &PreviewParams) {
+    fn cast_shadows(&mut self, scene: &CompiledScene, params: &PreviewParams, view: &View) {
         if params.shadows.algorithm == ShadowAlgorithm::None || scene.triangles.is_empty() {
             return;
         }
@@ -50,7 +50,7 @@ impl PreviewLights {
         order.sort_by_key(|&index| Reverse(index));
         while let Some(index) = order.pop() {
             let light = &mut self.lights[index];
-            let fitted = faces::fit(&light.source, &scene.bounds);
+            let fitted = faces::fit(&light.source, &scene.bounds, view);
             light.first_face = self.faces.len() as u32;
             light.face_count = fitted.len() as u32;
             self.faces.extend(fitted);
@@ -142,15 +142,16 @@ mod tests {
             triangles: vec![crate::compile::Triangle::default()],
             ..CompiledScene::default()
         };
+        let view = faces::tests::camera(Vec3::ZERO, 9.0);
         let lights = [point(1.0, 3.0), point(2.0, f32::INFINITY), point(9.0, 5.0), point(3.0, f32::INFINITY)];
         let mut params = with(AttenuationKind::Physical);
         params.shadows.max_lights = 2;
-        let all = PreviewLights::new(&scene, &lights, &params);
+        let all = PreviewLights::new(&scene, &lights, &params, &view);
         assert_eq!(all.lights.iter().map(|light| light.source.intensity[0]).collect::<Vec<_>>(), [2.0, 3.0, 1.0, 9.0]);
         assert_eq!(all.unbounded, 2);
         assert_eq!(all.lights.iter().map(|light| light.face_count).collect::<Vec<_>>(), [0, 6, 0, 6]);
         assert_eq!(all.faces.len(), 12);
         params.shadows.algorithm = ShadowAlgorithm::None;
-        assert!(PreviewLights::new(&scene, &lights, &params).faces.is_empty());
+        assert!(PreviewLights::new(&scene, &lights, &params, &view).faces.is_empty());
     }
 }
