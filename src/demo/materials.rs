@@ -9,6 +9,12 @@ pub fn surface(color: [f32; 3], metallic: f32, roughness: f32) -> Value {
         {"baseColorFactor": [r, g, b, 1.0], "metallicFactor": metallic, "roughnessFactor": roughness}})
 }
 
+/// The same with a name.
+pub fn named(name: &str, mut material: Value) -> Value {
+    material["name"] = json!(name);
+    material
+}
+
 /// A surface with a base colour texture.
 pub fn textured(texture: usize, metallic: f32, roughness: f32) -> Value {
     let color = json!({"index": texture});

@@ -1,11 +1,11 @@
 //! The picture on the front page.
 
 use super::glb::Glb;
-use super::materials::{lamp, surface, textured};
+use super::materials::{lamp, named, surface, textured};
 use super::shapes::{Shape, spline};
 use super::textures;
 use glam::{DVec3, Vec2, Vec3};
-use serde_json::{Value, json};
+use serde_json::json;
 
 /// A vase, a bowl of gold, a marble ball, blocks, a ring, and two lamps that are part of the picture, on a wooden table.
 /// Best in a wide picture (12 : 5).
@@ -27,14 +27,14 @@ fn table(glb: &mut Glb) {
         -0.004 * (1.0 - (across.min(1.0 - across) / 0.012).min(1.0))
     }));
     let top = Shape::patch(Vec3::new(-3.0, 0.0, 2.4), Vec3::X * 6.0, Vec3::NEG_Z * 3.6).tiled(5.0, 3.0);
-    let mut wood = textured(boards, 0.0, 0.38);
+    let mut wood = named("Wood", textured(boards, 0.0, 0.38));
     wood["normalTexture"] = json!({"index": relief});
     glb.show(&top, wood);
     let wall = Shape::parametric(1, 48, |u, v| {
         let (depth, height) = spline(&[(-1.0, -0.06), (-1.7, -0.06), (-2.3, 0.2), (-2.6, 1.0), (-2.6, 6.0)], v);
         DVec3::new(16.0 * u - 8.0, height, depth)
     });
-    glb.show(&wall, surface([0.30, 0.33, 0.38], 0.0, 0.9));
+    glb.show(&wall, named("Wall", surface([0.30, 0.33, 0.38], 0.0, 0.9)));
 }
 
 fn pottery(glb: &mut Glb) {
@@ -65,7 +65,8 @@ fn pottery(glb: &mut Glb) {
         let drip = 0.62 + 0.05 * textures::noise(Vec2::new(u * 14.0, 2.0)) + 0.012 * (u * 44.0).sin();
         if v < drip { [0.10, 0.34, 0.42, 1.0] } else { [0.88, 0.84, 0.77, 1.0] }
     }));
-    glb.show(&vase.placed(Vec3::new(-0.62, 0.0, -0.12), [180.0, 0.0, 0.0], 1.0), textured(glaze, 0.0, 0.12));
+    let glaze = named("Glaze", textured(glaze, 0.0, 0.12));
+    glb.show(&vase.placed(Vec3::new(-0.62, 0.0, -0.12), [180.0, 0.0, 0.0], 1.0), glaze);
 
     let bowl = [
         (0.0, 0.0),
@@ -81,37 +82,43 @@ fn pottery(glb: &mut Glb) {
         (0.0, 0.045),
     ];
     let bowl = Shape::lathe(160, 160, move |t| spline(&bowl, t));
-    glb.show(&bowl.placed(Vec3::new(0.28, 0.0, 0.20), [0.0; 3], 1.0), surface([1.0, 0.72, 0.32], 1.0, 0.18));
+    let gold = named("Gold", surface([1.0, 0.72, 0.32], 1.0, 0.18));
+    glb.show(&bowl.placed(Vec3::new(0.28, 0.0, 0.20), [0.0; 3], 1.0), gold);
     for (index, (x, y, z)) in [(0.22, 0.125, 0.20), (0.335, 0.12, 0.235), (0.28, 0.13, 0.12)].into_iter().enumerate() {
-        let color = [[0.62, 0.05, 0.04], [0.70, 0.16, 0.03], [0.45, 0.03, 0.05]][index];
-        glb.show(&Shape::sphere(0.062, 64).placed(Vec3::new(x, y, z), [0.0; 3], 1.0), surface(color, 0.0, 0.22));
+        let (name, color) =
+            [("Cherry", [0.62, 0.05, 0.04]), ("Apricot", [0.70, 0.16, 0.03]), ("Plum", [0.45, 0.03, 0.05])][index];
+        let skin = named(name, surface(color, 0.0, 0.22));
+        glb.show(&Shape::sphere(0.062, 64).placed(Vec3::new(x, y, z), [0.0; 3], 1.0), skin);
     }
 
     let marble = glb.texture(&textures::marble());
     let ball = Shape::sphere(0.17, 128).tiled(2.0, 1.0).placed(Vec3::new(-0.20, 0.17, 0.10), [150.0, 12.0, 0.0], 1.0);
-    glb.show(&ball, textured(marble, 0.0, 0.08));
+    glb.show(&ball, named("Marble", textured(marble, 0.0, 0.08)));
 }
 
 fn blocks(glb: &mut Glb) {
-    let steel = surface([0.62, 0.64, 0.67], 1.0, 0.32);
+    let steel = named("Steel", surface([0.62, 0.64, 0.67], 1.0, 0.32));
     let block = Shape::rounded_box(Vec3::new(0.15, 0.26, 0.15), 0.012);
     glb.show(&block.placed(Vec3::new(0.80, 0.26, -0.22), [28.0, 0.0, 0.0], 1.0), steel);
     let cube = Shape::rounded_box(Vec3::splat(0.09), 0.02);
-    let rubber = surface([0.03, 0.16, 0.30], 0.0, 0.75);
+    let rubber = named("Rubber", surface([0.03, 0.16, 0.30], 0.0, 0.75));
     glb.show(&cube.clone().placed(Vec3::new(0.80, 0.61, -0.22), [-12.0, 0.0, 0.0], 1.0), rubber);
-    let clay: Value = surface([0.72, 0.27, 0.12], 0.0, 0.95);
+    let clay = named("Clay", surface([0.72, 0.27, 0.12], 0.0, 0.95));
     glb.show(&cube.placed(Vec3::new(-0.98, 0.09, 0.18), [38.0, 0.0, 0.0], 1.0), clay);
     let ring = Shape::torus(0.10, 0.022, 128).placed(Vec3::new(-0.02, 0.024, 0.46), [0.0; 3], 1.0);
-    glb.show(&ring, surface([0.95, 0.52, 0.38], 1.0, 0.1));
+    glb.show(&ring, named("Copper", surface([0.95, 0.52, 0.38], 1.0, 0.1)));
 }
 
 /// A soft box above the camera's left, a strip behind on the right, and two lamps in view.
 fn lamps(glb: &mut Glb) {
     let still = Vec3::new(0.0, 0.2, 0.0);
-    glb.show(&Shape::panel(Vec3::new(-2.2, 2.6, 1.9), still, 1.3, 1.3), lamp([1.0, 0.90, 0.78], 14.0));
-    glb.show(&Shape::panel(Vec3::new(2.6, 1.3, -0.9), still, 0.4, 1.8), lamp([0.62, 0.80, 1.0], 12.0));
+    glb.show(
+        &Shape::panel(Vec3::new(-2.2, 2.6, 1.9), still, 1.3, 1.3),
+        named("Soft box", lamp([1.0, 0.90, 0.78], 14.0)),
+    );
+    glb.show(&Shape::panel(Vec3::new(2.6, 1.3, -0.9), still, 0.4, 1.8), named("Strip", lamp([0.62, 0.80, 1.0], 12.0)));
     let glow = Shape::displaced_sphere(24, |_| 0.075).placed(Vec3::new(1.06, 0.075, 0.24), [0.0; 3], 1.0);
-    glb.show(&glow, lamp([1.0, 0.50, 0.16], 3.5));
+    glb.show(&glow, named("Ember", lamp([1.0, 0.50, 0.16], 3.5)));
     let hoop = Shape::torus(0.20, 0.011, 96).placed(Vec3::new(0.36, 0.21, -0.42), [-18.0, 90.0, 0.0], 1.0);
-    glb.show(&hoop, lamp([0.10, 0.85, 0.75], 3.0));
+    glb.show(&hoop, named("Hoop", lamp([0.10, 0.85, 0.75], 3.0)));
 }
