@@ -1,0 +1,129 @@
+//! From a picture to what the network can read, and back.
+
+use crate::film::{Guides, Picture};
+
+/// Sides below which the network has nothing to look at and darkens the picture: smaller ones are mirrored at their edges.
+const LEAST: u32 = 32;
+
+/// Radiance above which the network's arithmetic ends; who shows that keeps it.
+const BRIGHTEST: f32 = 1e15;
+
+/// Mean radiance below which the network loses the picture, which is scaled up for it.
+const DIMMEST: f64 = 1e-3;
+
+/// How a picture lies in the one that is denoised.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Of the picture itself.
+    size: [u32; 2],
+    /// A power of two, so that it changes no digit.
+    scale: f32,
+}
+
+impl Frame {
+    /// For a picture.
+    pub fn of(picture: &Picture) -> Self {
+        let light = picture.pixels.iter().flat_map(|&[r, g, b, _]| [r, g, b]).map(f64::from);
+        let mean = light.sum::<f64>() / (3 * picture.pixels.len()).max(1) as f64;
+        let scale = if mean > 0.0 && mean < DIMMEST { (-mean.log2()).floor().clamp(0.0, 120.0).exp2() } else { 1.0 };
+        let size = [picture.width, picture.height];
+        Self { width: size[0].max(LEAST), height: size[1].max(LEAST), size, scale: scale as f32 }
+    }
+
+    /// The light for the network; none: the picture is black.
+    pub fn light(&self, picture: &Picture) -> Option<Vec<[f32; 3]>> {
+        let lit = picture.pixels.iter().any(|pixel| pixel[..3].iter().any(|&value| value > 0.0));
+        let scaled = |[r, g, b, _]: [f32; 4]| [r, g, b].map(|value| (value * self.scale).clamp(0.0, BRIGHTEST));
+        lit.then(|| self.mirrored(&picture.pixels).map(scaled).collect())
+    }
+
+    /// The guides for the network.
+    pub fn guides(&self, guides: &Guides) -> Guides {
+        Guides { albedo: self.mirrored(&guides.albedo).collect(), normal: self.mirrored(&guides.normal).collect() }
+    }
+
+    /// The picture with light of the network, where that could say anything; none: it has not made that many values, or some that
+    /// are not finite.
+    pub fn picture(&self, picture: &Picture, light: &[[f32; 3]]) -> Option<Picture> {
+        let whole = light.len() == self.width as usize * self.height as usize;
+        if !whole || light.iter().flatten().any(|value| !value.is_finite()) {
+            return None;
+        }
+        let rows = picture.pixels.chunks_exact(self.size[0] as usize).zip(light.chunks_exact(self.width as usize));
+        let pixel = |(raw, light): (&[f32; 4], &[f32; 3])| {
+            let [r, g, b, coverage] = *raw;
+            // Nothing is there, or more than the network knows.
+            if coverage == 0.0 || [r, g, b].iter().any(|value| value * self.scale >= BRIGHTEST) {
+                return *raw;
+            }
+            let [r, g, b] = light.map(|value| value.max(0.0) / self.scale);
+            [r, g, b, coverage]
+        };
+        let pixels = rows.flat_map(|(raw, light)| raw.iter().zip(light).map(pixel)).collect();
+        Some(Picture { pixels, ..*picture })
+    }
+
+    /// Rows of the picture, mirrored at its edges until they fill the frame.
+    fn mirrored<T: Copy>(&self, pixels: &[T]) -> impl Iterator<Item = T> {
+        let [width, height] = self.size;
+        let place = |place: u32, side: u32| {
+            let place = place % (2 * side);
+            place.min(2 * side - 1 - place)
+        };
+        let row = move |y: u32| (0..self.width).map(move |x| (place(y, height) * width + place(x, width)) as usize);
+        (0..self.height).flat_map(row).map(|index| pixels[index])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture(width: u32, height: u32, value: f32) -> Picture {
+        let pixels = (0..width * height).map(|i| [value * (i + 1) as f32, value, 0.0, 1.0]).collect();
+        Picture { width, height, pixels }
+    }
+
+    #[test]
+    fn what_goes_through_unchanged_comes_back_to_the_bit() {
+        for (width, height, value) in [(1, 1, 0.5), (1, 70, 1e-12), (3, 2, 7.0), (33, 40, 1e-30), (64, 64, 1e12)] {
+            let raw = picture(width, height, value);
+            let frame = Frame::of(&raw);
+            assert!(frame.width >= LEAST && frame.height >= LEAST);
+            let light = frame.light(&raw).unwrap();
+            assert_eq!(frame.picture(&raw, &light), Some(raw));
+        }
+    }
+
+    #[test]
+    fn small_pictures_are_mirrored_and_dim_ones_scaled() {
+        let raw = picture(3, 1, 1e-9);
+        let frame = Frame::of(&raw);
+        let light = frame.light(&raw).unwrap();
+        let reds: Vec<f32> = light[..7].iter().map(|pixel| (pixel[0] / light[0][0]).round()).collect();
+        assert_eq!(reds, [1.0, 2.0, 3.0, 3.0, 2.0, 1.0, 1.0]);
+        assert!(light[0][1] > 0.5 && light[0][1] < 4.0, "{}", light[0][1]);
+        let guides = Guides { albedo: vec![[0.5; 3]; 3], normal: vec![[0.0, 0.0, 1.0]; 3] };
+        assert_eq!(frame.guides(&guides).albedo.len(), 32 * 32);
+    }
+
+    #[test]
+    fn nothing_blinding_light_and_faults_are_told_apart() {
+        assert!(Frame::of(&picture(4, 4, 0.0)).light(&picture(4, 4, 0.0)).is_none());
+        let mut raw = picture(32, 32, 1.0);
+        (raw.pixels[0], raw.pixels[1]) = ([1e30, 0.0, 0.0, 1.0], [0.0; 4]);
+        let frame = Frame::of(&raw);
+        let mut light = frame.light(&raw).unwrap();
+        assert!(light.iter().flatten().all(|value| *value <= BRIGHTEST));
+        light.fill([2.0, -1.0, 3.0]);
+        let made = frame.picture(&raw, &light).unwrap();
+        assert_eq!(made.pixels[..3], [[1e30, 0.0, 0.0, 1.0], [0.0; 4], [2.0, 0.0, 3.0, 1.0]]);
+        light[5][1] = f32::NAN;
+        assert_eq!(frame.picture(&raw, &light), None);
+        assert_eq!(frame.picture(&raw, &light[1..]), None);
+    }
+}
