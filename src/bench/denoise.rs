@@ -19,6 +19,9 @@ const DEMOS: [&str; 4] = ["still-life", "box", "grid", "detail"];
 /// What the denoiser is told, from least to most.
 const WAYS: [Guidance; 3] = [Guidance::None, Guidance::Noisy, Guidance::Prefiltered];
 
+/// Part of its radiance by which a pixel counts as further off.
+const FURTHER: f64 = 0.01;
+
 /// How much to render.
 #[derive(Debug, Clone, Copy)]
 pub struct Size<'a> {
@@ -115,10 +118,14 @@ fn mean(picture: &Picture) -> f64 {
     picture.pixels.iter().flat_map(|&[r, g, b, _]| [r, g, b]).map(f64::from).sum()
 }
 
-/// Part of the pixels whose radiance is further from the truth after than before.
+/// Part of the pixels whose radiance is further from the truth after than before, by more than a hundredth of it.
 fn part_further(before: &Picture, after: &Picture, truth: &Picture) -> f64 {
-    let distance = |a: &[f32; 4], b: &[f32; 4]| (0..3).map(|i| f64::from(a[i] - b[i]).powi(2)).sum::<f64>();
+    let length = |pixel: [f64; 3]| pixel.iter().map(|value| value * value).sum::<f64>().sqrt();
+    let distance = |a: &[f32; 4], b: &[f32; 4]| length(std::array::from_fn(|i| f64::from(a[i] - b[i])));
+    let seen = |pixel: &[f32; 4]| FURTHER * length(std::array::from_fn(|i| f64::from(pixel[i])));
     let pixels = before.pixels.iter().zip(&after.pixels).zip(&truth.pixels);
-    let further = pixels.filter(|((before, after), truth)| distance(after, truth) > distance(before, truth)).count();
+    let further = pixels
+        .filter(|((before, after), truth)| distance(after, truth) > distance(before, truth) + seen(truth))
+        .count();
     further as f64 / truth.pixels.len().max(1) as f64
 }

@@ -2,8 +2,9 @@
 
 use crate::film::{Guides, Picture};
 
-/// Sides below which the network has nothing to look at and darkens the picture: smaller ones are mirrored at their edges.
-const LEAST: u32 = 32;
+/// Pixels around the picture, in which it is mirrored: beyond its edges the network sees black, which shows for some pixels (up to 7 % in the
+/// corners of a white background), and small pictures have nothing else.
+const BORDER: u32 = 16;
 
 /// Radiance above which the network's arithmetic ends; who shows that keeps it.
 const BRIGHTEST: f32 = 1e15;
@@ -31,7 +32,8 @@ impl Frame {
         let mean = light.sum::<f64>() / (3 * picture.pixels.len()).max(1) as f64;
         let scale = if mean > 0.0 && mean < DIMMEST { (-mean.log2()).floor().clamp(0.0, 120.0).exp2() } else { 1.0 };
         let size = [picture.width, picture.height];
-        Self { width: size[0].max(LEAST), height: size[1].max(LEAST), size, scale: scale as f32 }
+        let [width, height] = size.map(|side| side + 2 * BORDER);
+        Self { width, height, size, scale: scale as f32 }
     }
 
     /// The light for the network; none: the picture is black.
@@ -53,7 +55,8 @@ impl Frame {
         if !whole || light.iter().flatten().any(|value| !value.is_finite()) {
             return None;
         }
-        let rows = picture.pixels.chunks_exact(self.size[0] as usize).zip(light.chunks_exact(self.width as usize));
+        let rows = light.chunks_exact(self.width as usize).skip(BORDER as usize).map(|row| &row[BORDER as usize..]);
+        let rows = picture.pixels.chunks_exact(self.size[0] as usize).zip(rows);
         let pixel = |(raw, light): (&[f32; 4], &[f32; 3])| {
             let [r, g, b, coverage] = *raw;
             // Nothing is there, or more than the network knows.
@@ -67,11 +70,12 @@ impl Frame {
         Some(Picture { pixels, ..*picture })
     }
 
-    /// Rows of the picture, mirrored at its edges until they fill the frame.
+    /// Rows of the frame: those of the picture, mirrored at its edges.
     fn mirrored<T: Copy>(&self, pixels: &[T]) -> impl Iterator<Item = T> {
         let [width, height] = self.size;
         let place = |place: u32, side: u32| {
-            let place = place % (2 * side);
+            // A whole number of there and back before the first pixel of the border.
+            let place = (place + 2 * side * BORDER - BORDER) % (2 * side);
             place.min(2 * side - 1 - place)
         };
         let row = move |y: u32| (0..self.width).map(move |x| (place(y, height) * width + place(x, width)) as usize);
@@ -93,7 +97,7 @@ mod tests {
         for (width, height, value) in [(1, 1, 0.5), (1, 70, 1e-12), (3, 2, 7.0), (33, 40, 1e-30), (64, 64, 1e12)] {
             let raw = picture(width, height, value);
             let frame = Frame::of(&raw);
-            assert!(frame.width >= LEAST && frame.height >= LEAST);
+            assert_eq!((frame.width, frame.height), (width + 2 * BORDER, height + 2 * BORDER));
             let light = frame.light(&raw).unwrap();
             assert_eq!(frame.picture(&raw, &light), Some(raw));
         }
@@ -104,11 +108,12 @@ mod tests {
         let raw = picture(3, 1, 1e-9);
         let frame = Frame::of(&raw);
         let light = frame.light(&raw).unwrap();
-        let reds: Vec<f32> = light[..7].iter().map(|pixel| (pixel[0] / light[0][0]).round()).collect();
-        assert_eq!(reds, [1.0, 2.0, 3.0, 3.0, 2.0, 1.0, 1.0]);
+        let first = BORDER as usize;
+        let reds: Vec<f32> = light[first - 2..][..7].iter().map(|pixel| (pixel[0] / light[first][0]).round()).collect();
+        assert_eq!(reds, [2.0, 1.0, 1.0, 2.0, 3.0, 3.0, 2.0]);
         assert!(light[0][1] > 0.5 && light[0][1] < 4.0, "{}", light[0][1]);
         let guides = Guides { albedo: vec![[0.5; 3]; 3], normal: vec![[0.0, 0.0, 1.0]; 3] };
-        assert_eq!(frame.guides(&guides).albedo.len(), 32 * 32);
+        assert_eq!(frame.guides(&guides).albedo.len(), light.len());
     }
 
     #[test]

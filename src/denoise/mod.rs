@@ -7,6 +7,8 @@
 mod frame;
 mod host;
 mod oidn;
+#[cfg(all(test, unix))]
+mod tests;
 mod wire;
 
 pub use host::host;
