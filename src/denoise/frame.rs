@@ -6,11 +6,8 @@ use crate::film::{Guides, Picture};
 /// corners of a white background), and small pictures have nothing else.
 const BORDER: u32 = 16;
 
-/// Radiance above which the network's arithmetic ends; who shows that keeps it.
-const BRIGHTEST: f32 = 1e15;
-
-/// Mean radiance below which the network loses the picture, which is scaled up for it.
-const DIMMEST: f64 = 1e-3;
+/// Radiance, in units of the picture's median, beside which the network loses all else; what shows it keeps it.
+const BRIGHTEST: f32 = 1e9;
 
 /// How a picture lies in the one that is denoised.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,26 +18,23 @@ pub struct Frame {
     pub height: u32,
     /// Of the picture itself.
     size: [u32; 2],
-    /// A power of two, so that it changes no digit.
+    /// Makes the median about 1, as the network is exact for so much alone; a power of two, so that it changes no digit.
     scale: f32,
 }
 
 impl Frame {
-    /// For a picture.
-    pub fn of(picture: &Picture) -> Self {
-        let light = picture.pixels.iter().flat_map(|&[r, g, b, _]| [r, g, b]).map(f64::from);
-        let mean = light.sum::<f64>() / (3 * picture.pixels.len()).max(1) as f64;
-        let scale = if mean > 0.0 && mean < DIMMEST { (-mean.log2()).floor().clamp(0.0, 120.0).exp2() } else { 1.0 };
+    /// For a picture; none: it is black.
+    pub fn of(picture: &Picture) -> Option<Self> {
+        let scale = (-median(picture)?.log2()).floor().clamp(-120.0, 120.0).exp2();
         let size = [picture.width, picture.height];
         let [width, height] = size.map(|side| side + 2 * BORDER);
-        Self { width, height, size, scale: scale as f32 }
+        Some(Self { width, height, size, scale })
     }
 
-    /// The light for the network; none: the picture is black.
-    pub fn light(&self, picture: &Picture) -> Option<Vec<[f32; 3]>> {
-        let lit = picture.pixels.iter().any(|pixel| pixel[..3].iter().any(|&value| value > 0.0));
+    /// The light for the network.
+    pub fn light(&self, picture: &Picture) -> Vec<[f32; 3]> {
         let scaled = |[r, g, b, _]: [f32; 4]| [r, g, b].map(|value| (value * self.scale).clamp(0.0, BRIGHTEST));
-        lit.then(|| self.mirrored(&picture.pixels).map(scaled).collect())
+        self.mirrored(&picture.pixels).map(scaled).collect()
     }
 
     /// The guides for the network.
@@ -83,6 +77,14 @@ impl Frame {
     }
 }
 
+/// Of the pixels that are not black, their brightest channel; none: all are black.
+fn median(picture: &Picture) -> Option<f32> {
+    let brightest = picture.pixels.iter().map(|&[r, g, b, _]| r.max(g).max(b));
+    let mut lit: Vec<f32> = brightest.filter(|value| *value > 0.0).collect();
+    let middle = lit.len() / 2;
+    (!lit.is_empty()).then(|| *lit.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -96,9 +98,9 @@ mod tests {
     fn what_goes_through_unchanged_comes_back_to_the_bit() {
         for (width, height, value) in [(1, 1, 0.5), (1, 70, 1e-12), (3, 2, 7.0), (33, 40, 1e-30), (64, 64, 1e12)] {
             let raw = picture(width, height, value);
-            let frame = Frame::of(&raw);
+            let frame = Frame::of(&raw).unwrap();
             assert_eq!((frame.width, frame.height), (width + 2 * BORDER, height + 2 * BORDER));
-            let light = frame.light(&raw).unwrap();
+            let light = frame.light(&raw);
             assert_eq!(frame.picture(&raw, &light), Some(raw));
         }
     }
@@ -106,27 +108,30 @@ mod tests {
     #[test]
     fn small_pictures_are_mirrored_and_dim_ones_scaled() {
         let raw = picture(3, 1, 1e-9);
-        let frame = Frame::of(&raw);
-        let light = frame.light(&raw).unwrap();
+        let frame = Frame::of(&raw).unwrap();
+        let light = frame.light(&raw);
         let first = BORDER as usize;
         let reds: Vec<f32> = light[first - 2..][..7].iter().map(|pixel| (pixel[0] / light[first][0]).round()).collect();
         assert_eq!(reds, [2.0, 1.0, 1.0, 2.0, 3.0, 3.0, 2.0]);
-        assert!(light[0][1] > 0.5 && light[0][1] < 4.0, "{}", light[0][1]);
+        assert!(light[0][0] > 0.5 && light[0][0] < 4.0, "{}", light[0][0]);
         let guides = Guides { albedo: vec![[0.5; 3]; 3], normal: vec![[0.0, 0.0, 1.0]; 3] };
         assert_eq!(frame.guides(&guides).albedo.len(), light.len());
     }
 
     #[test]
     fn nothing_blinding_light_and_faults_are_told_apart() {
-        assert!(Frame::of(&picture(4, 4, 0.0)).light(&picture(4, 4, 0.0)).is_none());
+        assert_eq!(Frame::of(&picture(4, 4, 0.0)), None);
         let mut raw = picture(32, 32, 1.0);
         (raw.pixels[0], raw.pixels[1]) = ([1e30, 0.0, 0.0, 1.0], [0.0; 4]);
-        let frame = Frame::of(&raw);
-        let mut light = frame.light(&raw).unwrap();
+        let frame = Frame::of(&raw).unwrap();
+        let mut light = frame.light(&raw);
         assert!(light.iter().flatten().all(|value| *value <= BRIGHTEST));
         light.fill([2.0, -1.0, 3.0]);
         let made = frame.picture(&raw, &light).unwrap();
-        assert_eq!(made.pixels[..3], [[1e30, 0.0, 0.0, 1.0], [0.0; 4], [2.0, 0.0, 3.0, 1.0]]);
+        assert_eq!(
+            made.pixels[..3],
+            [[1e30, 0.0, 0.0, 1.0], [0.0; 4], [2.0 / frame.scale, 0.0, 3.0 / frame.scale, 1.0]]
+        );
         light[5][1] = f32::NAN;
         assert_eq!(frame.picture(&raw, &light), None);
         assert_eq!(frame.picture(&raw, &light[1..]), None);

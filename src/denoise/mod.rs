@@ -123,13 +123,12 @@ impl Denoiser {
         guidance: Guidance,
         wanted: &dyn Fn() -> bool,
     ) -> Result<Picture, String> {
-        let frame = Frame::of(picture);
-        let Some(color) = frame.light(picture) else { return Ok(picture.clone()) };
+        let Some(frame) = Frame::of(picture) else { return Ok(picture.clone()) };
         let task = Task {
             memory: self.bounds.memory,
             width: frame.width,
             height: frame.height,
-            color,
+            color: frame.light(picture),
             guides: guides.map(|guides| frame.guides(guides)),
             guidance,
         };

@@ -181,14 +181,14 @@ fn mean(picture: &Picture) -> f64 {
 fn any_size_and_any_brightness_keep_their_mean() {
     let Some(denoiser) = real() else { return };
     let smooth = |picture: &Picture| denoiser.denoise(picture, None, Guidance::None, &|| true).expect("a picture");
-    // Even light with noise as large as itself. Few pixels have a mean that is itself noise.
-    for (width, height, tolerance) in [(1, 1, 0.25), (3, 2, 0.25), (1, 300, 0.05), (257, 129, 0.02)] {
+    // Even light with noise as large as itself.
+    for (width, height) in [(1, 1), (3, 2), (1, 300), (257, 129)] {
         for brightness in [0.5, 1e-9, 1e6] {
             let raw = noisy(width, height, brightness);
             let (before, after) = (mean(&raw), mean(&smooth(&raw)));
             let ratio = after / before;
             eprintln!("{width} x {height} at {brightness:e}: {ratio:.4}");
-            assert!((ratio - 1.0).abs() < tolerance, "{width} x {height} at {brightness:e}: {after:e} for {before:e}");
+            assert!((ratio - 1.0).abs() < 0.02, "{width} x {height} at {brightness:e}: {after:e} for {before:e}");
         }
     }
     let raw = noisy(64, 64, 0.5);
@@ -214,6 +214,10 @@ fn lamps_nothing_and_coverage_stay_what_they_are() {
     assert!((at(50, 10)[0] / 1e5 - 1.0).abs() < 0.05, "{:?}", at(50, 10));
     assert!(made.pixels.iter().zip(&raw.pixels).all(|(made, raw)| made[3] == raw[3]));
     assert!(made.pixels.iter().flatten().all(|value| value.is_finite() && *value >= 0.0));
-    let dim: f64 = (40..64).flat_map(|y| (0..70).map(move |x| (x, y))).map(|(x, y)| f64::from(at(x, y)[1])).sum();
-    assert!((dim / (24.0 * 70.0) / 0.5 - 1.0).abs() < 0.1, "beside blinding light: {}", dim / (24.0 * 70.0));
+    let dim = |picture: &Picture| {
+        let places = (40..64).flat_map(|y| (0..70).map(move |x| y * 96 + x));
+        places.map(|place| f64::from(picture.pixels[place][1])).sum::<f64>()
+    };
+    let ratio = dim(&made) / dim(&raw);
+    assert!((ratio - 1.0).abs() < 0.05, "beside blinding light: {ratio}");
 }
