@@ -6,8 +6,8 @@ use crate::film::{Guides, Picture};
 /// corners of a white background), and small pictures have nothing else.
 const BORDER: u32 = 16;
 
-/// Radiance, in units of the picture's median, beside which the network loses all else; what shows it keeps it.
-const BRIGHTEST: f32 = 1e9;
+/// Radiance, in units of the picture's median, that the network is shown at the most: beside more it misjudges all else.
+const BRIGHTEST: f32 = 1e5;
 
 /// How a picture lies in the one that is denoised.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,8 +53,10 @@ impl Frame {
         let rows = picture.pixels.chunks_exact(self.size[0] as usize).zip(rows);
         let pixel = |(raw, light): (&[f32; 4], &[f32; 3])| {
             let [r, g, b, coverage] = *raw;
-            // Nothing is there, or more than the network knows.
-            if coverage == 0.0 || [r, g, b].iter().any(|value| value * self.scale >= BRIGHTEST) {
+            let blinding = r.max(g).max(b) * self.scale >= BRIGHTEST;
+            let is_lamp = light[0].max(light[1]).max(light[2]) >= 0.5 * BRIGHTEST;
+            // Nothing is there; or a lamp, of which the network was not shown all, rather than a stray sample.
+            if coverage == 0.0 || blinding && is_lamp {
                 return *raw;
             }
             let [r, g, b] = light.map(|value| value.max(0.0) / self.scale);
@@ -122,11 +124,12 @@ mod tests {
     fn nothing_blinding_light_and_faults_are_told_apart() {
         assert_eq!(Frame::of(&picture(4, 4, 0.0)), None);
         let mut raw = picture(32, 32, 1.0);
-        (raw.pixels[0], raw.pixels[1]) = ([1e30, 0.0, 0.0, 1.0], [0.0; 4]);
+        (raw.pixels[0], raw.pixels[1], raw.pixels[2]) = ([1e30, 0.0, 0.0, 1.0], [0.0; 4], [1e30, 0.0, 0.0, 1.0]);
         let frame = Frame::of(&raw).unwrap();
         let mut light = frame.light(&raw);
         assert!(light.iter().flatten().all(|value| *value <= BRIGHTEST));
         light.fill([2.0, -1.0, 3.0]);
+        light[(BORDER * frame.width + BORDER) as usize] = [0.8 * BRIGHTEST, 0.0, 0.0];
         let made = frame.picture(&raw, &light).unwrap();
         assert_eq!(
             made.pixels[..3],

@@ -133,3 +133,91 @@ impl Integrator {
 fn within(value: DVec3) -> DVec3 {
     value.clamp(DVec3::ZERO, DVec3::ONE)
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::film::Guides;
+    use crate::params::from_json;
+    use crate::render::cpu::CpuEngine;
+    use crate::render::prepare::{prepare, render_to_end};
+    use crate::render::{Engines, Work};
+    use crate::scene::{self, Limits, Package};
+    use crate::{compile, params};
+    use glam::Vec3;
+    use serde_json::{Value, json};
+    use std::sync::Arc;
+
+    const SIDE: usize = 33;
+
+    /// A ball before a camera that looks along -z, in even light.
+    fn work(ball: &Value, more: &Value) -> Work {
+        let mut params = json!({
+            "engine": "cpu", "width": SIDE, "height": SIDE, "max_samples": 4, "environment": {"constant": [0.3, 0.2, 4]},
+            "camera": {"position": [0, 0, 4], "target": [0, 0, 0], "yfov_degrees": 40},
+            "spheres": [{"center": [0, 0, 0], "radius": 1}],
+        });
+        let fields = |to: &mut Value, from: &Value| {
+            for (name, value) in from.as_object().into_iter().flatten() {
+                to[name] = value.clone();
+            }
+        };
+        fields(&mut params["spheres"][0], ball);
+        fields(&mut params, more);
+        let params: params::RenderParams = from_json(&params.to_string()).unwrap();
+        let empty = br#"{"asset": {"version": "2.0"}, "scenes": [{}]}"#.to_vec();
+        let limits = Limits::default();
+        let scene = scene::import(&Package::from_bytes(empty, &limits).unwrap(), &limits).unwrap();
+        let compiled = compile::compile_request(&scene, &params, &compile::MapFiles::default()).unwrap();
+        prepare(&scene, Arc::new(compiled), &params, None).unwrap().work
+    }
+
+    fn guides(ball: &Value, more: &Value) -> Guides {
+        let mut tracer = CpuEngine::new().guides(&work(ball, more));
+        loop {
+            if let Some(guides) = tracer.step() {
+                return guides;
+            }
+        }
+    }
+
+    fn close(found: [f32; 3], expected: [f32; 3], tolerance: f32) {
+        let distance = (Vec3::from(found) - Vec3::from(expected)).abs().max_element();
+        assert!(distance < tolerance, "{found:?}, and not {expected:?}");
+    }
+
+    const MIDDLE: usize = SIDE * SIDE / 2;
+
+    #[test]
+    fn what_is_seen_is_told_and_not_how_it_is_lit() {
+        let rough = json!({"color": [0.8, 0.4, 0.1], "roughness": 1});
+        let found = guides(&rough, &json!({}));
+        close(found.albedo[MIDDLE], [0.8, 0.4, 0.1], 0.06);
+        close(found.normal[MIDDLE], [0.0, 0.0, 1.0], 0.02);
+        // The sky behind it, as far as it goes.
+        close(found.albedo[0], [0.3, 0.2, 1.0], 1e-6);
+        close(found.normal[0], [0.0; 3], 1e-6);
+        assert_eq!(guides(&rough, &json!({"output": {"transparent": true}})).albedo[0], [0.0; 3]);
+        let brighter = json!({"lights": [{"type": "directional", "direction": [0, 0, -1], "intensity": 9}]});
+        assert_eq!(guides(&rough, &brighter).albedo[MIDDLE], found.albedo[MIDDLE]);
+    }
+
+    #[test]
+    fn in_a_mirror_that_is_what_it_shows() {
+        let found = guides(&json!({"color": [1, 1, 1], "metallic": 1, "roughness": 0}), &json!({}));
+        close(found.albedo[MIDDLE], [0.3, 0.2, 1.0], 0.02);
+        close(found.normal[MIDDLE], [0.0; 3], 1e-6);
+        let gold = guides(&json!({"color": [1, 0.8, 0.2], "metallic": 1, "roughness": 0.5}), &json!({}));
+        close(gold.normal[MIDDLE], [0.0, 0.0, 1.0], 0.02);
+    }
+
+    #[test]
+    fn guides_come_with_a_picture_that_is_the_same_without_them() {
+        let rendered = |denoise: bool| {
+            let work = work(&json!({}), &json!({ "denoise": denoise }));
+            render_to_end(&mut Engines::new(), work, &mut |_| {}).unwrap()
+        };
+        let (with, without) = (rendered(true), rendered(false));
+        assert_eq!(with.film.picture(), without.film.picture());
+        assert_eq!((with.guides, without.guides), (Some(guides(&json!({}), &json!({}))), None));
+    }
+}
