@@ -88,7 +88,7 @@ limits! {
     batch_queue_length: usize = 10_000, "CANDELA_BATCH_QUEUE_LENGTH";
     /// Renders that share the device; one more place is kept for short ones.
     active_renders: usize = 4, "CANDELA_ACTIVE_RENDERS";
-    /// Seconds that denoising one picture may take; it is then given undenoised, with a warning.
+    /// Seconds that denoising may take for each million pixels begun; the picture is then given undenoised, with a warning.
     denoise_seconds: u64 = 120, "CANDELA_DENOISE_SECONDS";
     /// Bytes of memory that denoising one picture may take, beside the server's own.
     denoise_memory_bytes: u64 = 4 << 30, "CANDELA_DENOISE_MEMORY_BYTES";

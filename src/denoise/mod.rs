@@ -47,6 +47,9 @@ const SEARCH_PATH: &str = if cfg!(windows) {
 /// Longest time until the library is loaded.
 const LOADING: Duration = Duration::from_secs(30);
 
+/// Pixels that may take the time of [`Bounds::patience`].
+const MILLION: usize = 1_000_000;
+
 /// Time between two looks at whether the picture is still wanted.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -66,7 +69,7 @@ pub type Starter = Box<dyn Fn() -> io::Result<Command> + Send + Sync>;
 /// How much one picture may take.
 #[derive(Debug, Clone, Copy)]
 pub struct Bounds {
-    /// Time.
+    /// Time for each million pixels begun.
     pub patience: Duration,
     /// Bytes of memory.
     pub memory: u64,
@@ -136,7 +139,8 @@ impl Denoiser {
         let mut process = Process::start(self)?;
         process.answer::<Hello>(LOADING, wanted)??;
         process.tell(task);
-        let Done { pixels } = process.answer::<Answer>(self.bounds.patience, wanted)??;
+        let patience = self.bounds.patience * (picture.pixels.len() / MILLION) as u32 + self.bounds.patience;
+        let Done { pixels } = process.answer::<Answer>(patience, wanted)??;
         frame.picture(picture, &pixels).ok_or_else(|| "its picture has values that are none".to_owned())
     }
 }

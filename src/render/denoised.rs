@@ -19,9 +19,10 @@ pub struct Denoising<'a> {
 /// The picture without its noise; with it, and with a warning, if that fails: hours of tracing are not lost by it.
 pub fn denoised(asked: Denoising<'_>, picture: Picture, aovs: &mut Aovs, report: &mut Report) -> Picture {
     let begun = Instant::now();
-    match smooth(asked, &picture) {
+    let smooth = smooth(asked, &picture);
+    report.seconds.denoise = begun.elapsed().as_secs_f64();
+    match smooth {
         Ok((smooth, guides, name)) => {
-            report.seconds.denoise = begun.elapsed().as_secs_f64();
             report.denoised = Some(name);
             report.biases.push(BIAS.to_owned());
             aovs.note_denoised(&picture, guides);

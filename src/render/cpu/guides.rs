@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Samples per pixel: what noise they leave, the denoiser takes from them first.
+/// Samples per pixel at the most: what noise they leave, the denoiser takes from them first.
 const SAMPLES: u32 = 4;
 
 /// Mirrors and panes that a path is followed by.
@@ -39,7 +39,8 @@ impl GuideTracer {
     /// Nothing traced yet.
     pub(super) fn new(work: Work, tree: Arc<Bvh>) -> Self {
         let tiles = Tiles::new(work.view.width, work.view.height);
-        let entry = |tile| TileSamples { tile, replicate: 0, first: 0, samples: SAMPLES };
+        let samples = SAMPLES.min(work.settings.max_samples);
+        let entry = |tile| TileSamples { tile, replicate: 0, first: 0, samples };
         let (seed, pass) = (work.settings.seed, (0..tiles.count()).map(entry).collect());
         let integrator = Integrator::new(work, tree);
         Self { integrator, tiles, seed, pass, found: Vec::new(), slice: SlicePaths::default() }
