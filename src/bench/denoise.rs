@@ -43,8 +43,8 @@ struct Traced {
     seconds: [f64; 2],
 }
 
-/// Writes a table to `out`, and to `denoise.jpg` in `folder` a row for each picture: before, after, reference. `models`: glTF files
-/// beside the demos.
+/// Writes a table to `out`, and to `denoise.jpg` in `folder` a row for each scene at the first number of samples: before, after, reference.
+/// `models`: glTF files beside the demos.
 ///
 /// # Errors
 /// A device fault, a denoiser that fails, a file that cannot be read or written.
@@ -78,7 +78,9 @@ pub fn run(denoiser: &Denoiser, models: &[PathBuf], size: Size<'_>, folder: &Pat
             }
             writeln!(out, "| {name} | {samples} | {} {seconds:.2} |", row(&traced, &denoised, &truth))?;
             out.flush()?;
-            rows.push(vec![traced.picture, denoised.swap_remove(WAYS.len() - 1), truth.picture.clone()]);
+            if size.samples.first() == Some(&samples) {
+                rows.push(vec![traced.picture, denoised.swap_remove(WAYS.len() - 1), truth.picture.clone()]);
+            }
         }
     }
     write_sheet(&folder.join("denoise.jpg"), &rows)

@@ -47,6 +47,9 @@ const SEARCH_PATH: &str = if cfg!(windows) {
 /// Longest time until the library is loaded.
 const LOADING: Duration = Duration::from_secs(30);
 
+/// Longest time that a process takes to end after its last word.
+const ENDING: Duration = Duration::from_secs(2);
+
 /// Pixels that may take the time of [`Bounds::patience`].
 const MILLION: usize = 1_000_000;
 
@@ -203,15 +206,25 @@ impl Process {
                 Ok(frame) => {
                     return postcard::from_bytes(&frame).map_err(|error| format!("its answer is none: {error}"));
                 }
-                Err(RecvTimeoutError::Disconnected) => {
-                    let end = self.child.wait().map_or_else(|error| error.to_string(), |status| status.to_string());
-                    return Err(format!("its process has ended: {end}"));
-                }
+                Err(RecvTimeoutError::Disconnected) => return Err(format!("its process has ended: {}", self.end())),
                 Err(RecvTimeoutError::Timeout) if !wanted() => {
                     return Err("nobody wants the picture any more".to_owned());
                 }
                 Err(RecvTimeoutError::Timeout) if begun.elapsed() < patience => {}
                 Err(RecvTimeoutError::Timeout) => return Err(format!("no answer for {} s", patience.as_secs())),
+            }
+        }
+    }
+
+    /// How a process has ended that says no more.
+    fn end(&mut self) -> String {
+        let begun = Instant::now();
+        loop {
+            match self.child.try_wait() {
+                Ok(Some(status)) => return status.to_string(),
+                Ok(None) if begun.elapsed() < ENDING => std::thread::sleep(LOOK),
+                Ok(None) => return "it has closed its output, and went on".to_owned(),
+                Err(error) => return error.to_string(),
             }
         }
     }

@@ -45,6 +45,7 @@ fn a_process_that_crashes_hangs_or_lies_costs_its_picture_alone() {
     assert!(end("kill -SEGV $$", LOADING).contains("signal: 11"));
     assert!(end("exit 0", LOADING).contains("exit status: 0"));
     assert_eq!(end("exec sleep 1000", second), "no answer for 1 s");
+    assert!(end("exec 1>&-; exec sleep 1000", LOADING).contains("closed its output"));
     assert_eq!(end(r"printf '\005\0\0\0\0\0\0\0\001\003no!'; cat", LOADING), "no!");
     // A picture of no pixel, and one that breaks off.
     assert!(end(r"printf '\002\0\0\0\0\0\0\0\0\0'; cat", LOADING).contains("values that are none"));
