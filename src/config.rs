@@ -1,5 +1,6 @@
 //! What an operator can set: every limit with its default, as a flag, an environment variable and a line of `/v1/limits`.
 
+use crate::denoise::Bounds;
 use crate::params::ParamLimits;
 use crate::scene;
 use clap::{ArgAction, Args, ValueEnum};
@@ -7,6 +8,7 @@ use serde::Serialize;
 use serde_json::Value;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Writes the table of limits once: field, default and environment variable.
 macro_rules! limits {
@@ -86,6 +88,10 @@ limits! {
     batch_queue_length: usize = 10_000, "CANDELA_BATCH_QUEUE_LENGTH";
     /// Renders that share the device; one more place is kept for short ones.
     active_renders: usize = 4, "CANDELA_ACTIVE_RENDERS";
+    /// Seconds that denoising may take for each million pixels begun; the picture is then given undenoised, with a warning.
+    denoise_seconds: u64 = 120, "CANDELA_DENOISE_SECONDS";
+    /// Bytes of memory that denoising one picture may take, beside the server's own.
+    denoise_memory_bytes: u64 = 4 << 30, "CANDELA_DENOISE_MEMORY_BYTES";
     /// Milliseconds between two savings of an unfinished film, where there is a data folder.
     save_film_ms: u64 = 30_000, "CANDELA_SAVE_FILM_MS";
     /// Bytes of a film above which it is not saved: after a restart its job begins anew.
@@ -120,6 +126,11 @@ impl Limits {
             total_image_pixels: self.texture_pixels,
             ..scene::Limits::default()
         }
+    }
+
+    /// Those of one picture that is denoised.
+    pub fn denoise(&self) -> Bounds {
+        Bounds { patience: Duration::from_secs(self.denoise_seconds.max(1)), memory: self.denoise_memory_bytes }
     }
 
     /// Those of the params room.
@@ -162,6 +173,9 @@ pub struct ServeConfig {
     /// Whether scenes are read first, and rendered, by processes of their own, which can crash, hang or be killed without the server.
     #[arg(long, env = "CANDELA_APART", default_value_t = true, action = ArgAction::Set)]
     pub apart: bool,
+    /// Library of Open Image Denoise, or its folder, for `denoise: true`; without one it is looked for where the system keeps libraries.
+    #[arg(long, env = "CANDELA_OIDN", value_name = "FILE|FOLDER")]
+    pub oidn: Option<PathBuf>,
     /// How the log is written to standard error.
     #[arg(long, env = "CANDELA_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     pub log_format: LogFormat,

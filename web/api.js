@@ -52,6 +52,11 @@ export async function uploadImage(file) {
   return (await answer("/v1/images", { method: "POST", body: form })).id;
 }
 
+/** Answers the name of what denoises on the server; null: nothing does. */
+export async function denoiser() {
+  return (await answer("/v1/limits")).denoiser;
+}
+
 /** Answers the job. */
 export function createJob(scene, params, priority = 0) {
   const body = JSON.stringify({ scene, params, priority });

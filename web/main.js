@@ -1,6 +1,6 @@
 // The controller: holds what the widgets show, and asks for a picture whenever it changes.
 
-import { fetchResult, renderOnce, uploadImage, uploadScene } from "./api.js";
+import { denoiser, fetchResult, renderOnce, uploadImage, uploadScene } from "./api.js";
 import { curlCommand } from "./curl.js";
 import { DEMO_ENVIRONMENT, demoFile } from "./demo.js";
 import { LatestJob } from "./latest.js";
@@ -54,9 +54,10 @@ class Controller {
       (live) => this.#changed(live),
       (file) => this.#openHdri(file),
     );
-    for (const panel of ["look", "quality", "preview", "picture"]) {
+    const settings = (panel) =>
       new SettingsPanel(byId(panel), panel, START, (changes, live) => this.#set(changes, live));
-    }
+    const [, quality] = ["look", "quality", "preview", "picture"].map(settings);
+    this.#offerDenoising(quality);
     this.exports = new ExportBar(byId("exports"), {
       png: () => save(this.finished.blob, `${this.#stem()}.png`),
       exr: () => this.#saveExr(),
@@ -74,6 +75,11 @@ class Controller {
   openDemo() {
     const file = demoFile();
     return this.#open([{ file, path: file.name }], { environment: DEMO_ENVIRONMENT, demo: true });
+  }
+
+  async #offerDenoising(panel) {
+    // A server that does not answer says so when it is asked for a picture.
+    if (await denoiser().catch(() => null)) panel.offer("denoise");
   }
 
   #drop(files) {

@@ -13,6 +13,7 @@ export const DEFAULTS = {
   max_bounces: null,
   seed: 1,
   multiple_scattering: true,
+  denoise: false,
   tone_mapping: "aces",
   exposure: 0,
 };
@@ -165,8 +166,8 @@ export function requestParams({ settings, camera, motion, lights, spheres, overr
 
 /** The same picture as the rasteriser draws it. */
 export function previewParams(params, settings) {
-  // A preview shows one moment.
-  const { mode: _, shutter: _shutter, ...others } = params;
+  // A preview shows one moment, and has no noise.
+  const { mode: _, shutter: _shutter, denoise: _denoise, ...others } = params;
   return { ...others, mode: "preview", ...nested(different(settings, PREVIEW_DEFAULTS)) };
 }
 
@@ -185,6 +186,7 @@ export function draftParams(params, settings) {
     max_samples: Math.min(DRAFT_SAMPLES, params.max_samples ?? DEFAULTS.max_samples),
     deadline_ms: DRAFT_MS,
     target_error: null,
+    denoise: false,
   };
   return settings.moving === "preview" ? previewParams(small, { ...settings, "preview.samples": 1 }) : small;
 }

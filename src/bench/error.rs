@@ -97,7 +97,7 @@ pub fn run(size: Size, choice: Choice<'_>, folder: &Path, out: &mut dyn Write) -
     writeln!(out, "|---|---|---|---|---|---|")?;
     for (name, mut work) in cases::all(side, samples, choice.peers)?.into_iter().filter(|(name, _)| wanted(name)) {
         work.settings.max_bounces = Some(work.settings.max_bounces.unwrap_or(BOUNCES).min(BOUNCES));
-        let truth = Truth::new(&mut engines, &work, reference)?;
+        let truth = Truth::new(&mut engines, &work, reference, Picture::rel_mse_from)?;
         let curves = trace(&mut engines, &ways, &work, &truth)?;
         for curve in &curves {
             writeln!(out, "| {name} | {} | {} |", curve.name, row(&curve.points))?;
@@ -110,13 +110,24 @@ pub fn run(size: Size, choice: Choice<'_>, folder: &Path, out: &mut dyn Write) -
 }
 
 /// A reference of two halves, by whose difference its noise is known.
-struct Truth {
-    picture: Picture,
-    noise: f64,
+pub struct Truth {
+    /// Their mean.
+    pub picture: Picture,
+    /// Its mean square error.
+    pub noise: f64,
 }
 
 impl Truth {
-    fn new(engine: &mut dyn Engine, work: &Work, samples: u32) -> Result<Self> {
+    /// Renders it on the processor; `square_error` is of a picture against a true one.
+    ///
+    /// # Errors
+    /// A device fault.
+    pub fn new(
+        engine: &mut dyn Engine,
+        work: &Work,
+        samples: u32,
+        square_error: fn(&Picture, &Picture) -> f64,
+    ) -> Result<Self> {
         let mut half = |seed| {
             let mut work = work.clone();
             (work.settings.max_samples, work.settings.seed) = (samples / 2, seed);
@@ -125,7 +136,7 @@ impl Truth {
         };
         let (a, b) = (half(REFERENCE_SEEDS[0])?, half(REFERENCE_SEEDS[1])?);
         let picture = a.mean_with(&b);
-        let noise = a.rel_mse_from(&picture);
+        let noise = square_error(&a, &picture);
         Ok(Self { picture, noise })
     }
 }

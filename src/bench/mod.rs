@@ -6,6 +6,7 @@ pub mod agreement;
 mod cases;
 pub mod clock;
 pub mod coverage;
+pub mod denoise;
 pub mod detail;
 pub mod error;
 mod flip;

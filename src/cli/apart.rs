@@ -1,9 +1,11 @@
-//! `candela engine` and `candela import`: the processes that `candela serve` has for what may crash, hang or be killed.
+//! `candela engine`, `candela import` and `candela denoise`: the processes that `candela serve` has for what may crash, hang or be killed.
 
 use super::Failure;
+use crate::denoise::{self, Bounds, Denoiser};
 use crate::jobs::Trial;
 use crate::render::{Engines, host};
 use std::io;
+use std::path::Path;
 use std::process::Command;
 
 /// Steps of priority that the engine stands back behind the server.
@@ -39,4 +41,22 @@ pub fn engine() -> Result<(), Failure> {
 /// Whoever asked has gone.
 pub fn import() -> Result<(), Failure> {
     Trial::sit(io::stdin().lock()).map_err(|error| Failure::Machine(format!("the process that reads a scene: {error}")))
+}
+
+/// Denoises the picture of standard input with a library.
+///
+/// # Errors
+/// Whoever asked has gone.
+pub fn denoise(library: &Path) -> Result<(), Failure> {
+    denoise::host(library, io::stdin(), io::stdout())
+        .map_err(|error| Failure::Machine(format!("the process that denoises: {error}")))
+}
+
+/// Looks for the library that denoises, in a process of its own.
+///
+/// # Errors
+/// Why it cannot be used, and how to get it.
+pub fn denoiser(place: Option<&Path>, bounds: Bounds) -> Result<Denoiser, String> {
+    Denoiser::find(Box::new(|| command("denoise")), place, bounds)
+        .map_err(|why| format!("{why} ({})", denoise::HOW_TO_GET_IT))
 }

@@ -1,7 +1,8 @@
 //! `candela bench`.
 
-use super::Failure;
+use super::{Failure, apart};
 use crate::bench::{self, clock::Clock};
+use crate::denoise::Bounds;
 use crate::params::{self, EngineChoice};
 use crate::render::gpu::GpuEngine;
 use crate::render::{DeviceInfo, Engines};
@@ -78,6 +79,29 @@ enum What {
         /// Folder with `cases` that other renderers were given.
         #[arg(long, value_name = "FOLDER")]
         peers: Option<PathBuf>,
+    },
+    /// What denoising does to the error, by number of samples.
+    Denoise {
+        /// glTF files to measure beside the demos.
+        models: Vec<PathBuf>,
+        /// Library of Open Image Denoise, or its folder.
+        #[arg(long, env = "CANDELA_OIDN", value_name = "FILE|FOLDER")]
+        oidn: Option<PathBuf>,
+        /// Samples per pixel.
+        #[arg(long, value_delimiter = ',', default_values = ["4", "16", "64", "256"])]
+        samples: Vec<u32>,
+        /// Samples per pixel of a reference.
+        #[arg(long, default_value_t = 8192, value_parser = clap::value_parser!(u32).range(2..))]
+        reference: u32,
+        /// Pixels a side.
+        #[arg(long, default_value_t = 192, value_parser = clap::value_parser!(u32).range(8..))]
+        side: u32,
+        /// Which engine: auto, gpu or cpu.
+        #[arg(long, default_value = "auto", value_parser = engine)]
+        engine: EngineChoice,
+        /// Folder for denoise.jpg.
+        #[arg(long, default_value = ".", value_name = "FOLDER")]
+        folder: PathBuf,
     },
     /// Run time against error, by engine and by ways of looking for light.
     Error {
@@ -240,6 +264,11 @@ fn measure(what: &What) -> Result<()> {
             let size = bench::error::Size { side: *side, samples: *samples, reference: *reference };
             let choice = bench::error::Choice { peers: peers.as_deref(), scenes, ways };
             bench::error::run(size, choice, folder, &mut out)?;
+        }
+        What::Denoise { models, oidn, samples, reference, side, engine, folder } => {
+            let denoiser = apart::denoiser(oidn.as_deref(), Bounds::default()).map_err(|why| anyhow!(why))?;
+            let size = bench::denoise::Size { side: *side, samples, reference: *reference, engine: *engine };
+            bench::denoise::run(&denoiser, models, size, folder, &mut out)?;
         }
         What::ManyLights { counts, engine, side, samples, rounds } => {
             let size = bench::many_lights::Size { side: *side, samples: *samples, rounds: rounds.rounds };

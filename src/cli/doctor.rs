@@ -1,7 +1,8 @@
 //! `candela doctor`.
 
-use super::Failure;
+use super::{Failure, apart};
 use crate::demo;
+use crate::denoise::Bounds;
 use crate::jobs::audit_folder;
 use crate::params::{EngineChoice, Mode, RenderParams};
 use crate::render::gpu::has_hardware_adapter;
@@ -9,7 +10,7 @@ use crate::render::prepare::{prepare, render_to_end};
 use crate::render::{Engines, RenderError};
 use crate::scene::{self, Limits, Package};
 use crate::{compile, config};
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -25,6 +26,9 @@ pub struct DoctorArgs {
     /// A data folder to check, which no server may use meanwhile.
     #[arg(long, env = "CANDELA_DATA", value_name = "FOLDER")]
     pub data: Option<PathBuf>,
+    /// Library of Open Image Denoise, or its folder.
+    #[arg(long, env = "CANDELA_OIDN", value_name = "FILE|FOLDER")]
+    pub oidn: Option<PathBuf>,
 }
 
 /// Looks at everything, says what it finds, and fails if something is not in order.
@@ -34,6 +38,7 @@ pub fn run(arguments: &DoctorArgs) -> Result<(), Failure> {
         ("processor", picture(EngineChoice::Cpu, Mode::Path)),
         ("graphics", graphics()),
         ("preview", preview()),
+        ("denoise", denoise(arguments.oidn.as_deref())),
         ("memory", Ok(memory())),
     ];
     if let Some(folder) = &arguments.data {
@@ -87,6 +92,15 @@ fn preview() -> Result<String> {
         }
         _ => Err(error),
     })
+}
+
+/// Without a library all is in order, too, unless one was named: `denoise: true` is refused.
+fn denoise(place: Option<&Path>) -> Result<String> {
+    match apart::denoiser(place, Bounds::default()) {
+        Ok(denoiser) => Ok(denoiser.name()),
+        Err(why) if place.is_some() => Err(anyhow!(why)),
+        Err(why) => Ok(format!("`denoise: true` will be refused: {why}")),
+    }
 }
 
 fn memory() -> String {

@@ -2,8 +2,9 @@
 
 use super::Failure;
 use super::remote::{Auth, Remote};
-use super::render::{RenderArgs, Stage, picture, write};
+use super::render::{RenderArgs, Stage, denoiser, picture, write};
 use super::request::{Target, limits};
+use crate::denoise::Denoiser;
 use crate::jobs::{Item, ManifestError, read_manifest};
 use crate::params::FieldError;
 use crate::render::Engines;
@@ -33,9 +34,11 @@ pub fn run(arguments: &RenderArgs, manifest: &Path) -> Result<(), Failure> {
                 let detail = format!("item `{}` has a webhook, which a server alone sends (--server URL)", item.name);
                 return Err(Failure::Request(detail));
             }
+            let asks = items.iter().any(|item| item.params.denoise);
+            let denoiser = denoiser(arguments.oidn.as_deref(), asks)?;
             let (mut engines, mut stage) = (Engines::new(), Stage::default());
             for item in &items {
-                let made = local(&mut engines, &mut stage, item);
+                let made = local(&mut engines, &mut stage, item, denoiser.as_ref());
                 tally.note(item, made)?;
             }
         }
@@ -43,9 +46,14 @@ pub fn run(arguments: &RenderArgs, manifest: &Path) -> Result<(), Failure> {
     tally.finish()
 }
 
-fn local(engines: &mut Engines, stage: &mut Stage, item: &Item) -> Result<Vec<u8>, Failure> {
+fn local(
+    engines: &mut Engines,
+    stage: &mut Stage,
+    item: &Item,
+    denoiser: Option<&Denoiser>,
+) -> Result<Vec<u8>, Failure> {
     let (prepared, stages) = stage.load(&item.scene, &item.params)?;
-    picture(engines, prepared, stages, &item.params, true).map(|(bytes, _, _)| bytes)
+    picture(engines, denoiser, prepared, stages, &item.params, true).map(|(bytes, _, _)| bytes)
 }
 
 /// Reads the manifest and checks every item before the first is rendered.

@@ -16,6 +16,7 @@ mod traces;
 
 use crate::config::ServeConfig;
 use clap::{Parser, Subcommand};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// A render server: POST a glTF, get a path-traced picture back, with its measured error.
@@ -46,6 +47,12 @@ enum Command {
     /// Reads a scene for `candela serve`, which starts this by itself.
     #[command(hide = true)]
     Import,
+    /// Denoises a picture for other commands, which start this by themselves.
+    #[command(hide = true)]
+    Denoise {
+        /// Library of Open Image Denoise.
+        library: PathBuf,
+    },
 }
 
 /// Why a command failed.
@@ -79,6 +86,7 @@ pub fn main() -> ExitCode {
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Engine => apart::engine(),
         Command::Import => apart::import(),
+        Command::Denoise { library } => apart::denoise(&library),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

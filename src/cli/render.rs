@@ -3,11 +3,13 @@
 use super::progress::Bar;
 use super::request::{Request, Target, request};
 use super::summary::Summary;
-use super::{Failure, demo, manifest};
+use super::{Failure, apart, demo, manifest};
 use crate::compile::{self, Hdri, MapFiles};
+use crate::denoise::{Bounds, Denoiser};
 use crate::film::{self, Aov, Aovs};
 use crate::jobs::StoredScene;
 use crate::params::RenderParams;
+use crate::render::denoised::{Denoising, denoised};
 use crate::render::prepare::{Prepared, prepare, render_to_end};
 use crate::render::report::{Report, Stages};
 use crate::render::{Engine, Engines, RenderError};
@@ -37,9 +39,13 @@ pub struct RenderArgs {
     /// name is there. Of a manifest the folder of its pictures.
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// What is known of each pixel besides, as .exr: `standard_error=FILE.exr`, `samples=FILE.exr`. May be repeated.
+    /// What is known of each pixel besides, as .exr: `standard_error=FILE.exr`, `samples=FILE.exr`; with `denoise`
+    /// also `undenoised`, `albedo`, `normal`. May be repeated.
     #[arg(long, value_name = "NAME=FILE", value_parser = aov)]
     pub aov: Vec<(Aov, PathBuf)>,
+    /// Library of Open Image Denoise, or its folder, for `denoise`; without one it is looked for where the system keeps libraries.
+    #[arg(long, env = "CANDELA_OIDN", value_name = "FILE|FOLDER")]
+    pub oidn: Option<PathBuf>,
     /// Environment picture (.hdr, .exr): the same as `environment.hdri`.
     #[arg(long, value_name = "FILE")]
     pub hdri: Option<PathBuf>,
@@ -71,12 +77,14 @@ pub fn run(arguments: &RenderArgs) -> Result<(), Failure> {
         return Err(Failure::Request("--json and --output - both want standard output: give a file to one".into()));
     }
     check_aovs(&arguments.aov, &request.params)?;
+    let denoiser = denoiser(arguments.oidn.as_deref(), request.params.denoise)?;
     let (prepared, stages) = Stage::default().load(&arguments.scene, &request.params)?;
-    let (bytes, aovs, report) = picture(&mut Engines::new(), prepared, stages, &request.params, arguments.quiet)?;
+    let (bytes, aovs, report) =
+        picture(&mut Engines::new(), denoiser.as_ref(), prepared, stages, &request.params, arguments.quiet)?;
     write(&request.target, &bytes)?;
     for (aov, path) in &arguments.aov {
         let picture = aovs.picture(*aov).ok_or_else(|| {
-            Failure::Request(format!("--aov {}: one sample per pixel has no spread to measure", aov.name()))
+            Failure::Machine(format!("--aov {}: {}", aov.name(), aov.lack(1, false).unwrap_or_default()))
         })?;
         let bytes = film::encode_aov(&picture, &report.facts()).map_err(|error| Failure::Machine(error.to_string()))?;
         write(&Target::File(path.clone()), &bytes)?;
@@ -100,13 +108,17 @@ fn check_aovs(aovs: &[(Aov, PathBuf)], params: &RenderParams) -> Result<(), Fail
         if path.parent().is_some_and(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
             return Err(Failure::Request(format!("--aov {}: there is no such folder", path.display())));
         }
-        if *aov == Aov::StandardError && params.max_samples < 2 {
-            let detail =
-                "--aov standard_error: one sample per pixel has no spread to measure; set max_samples to 2 or more";
-            return Err(Failure::Request(detail.to_owned()));
+        if let Some(lack) = aov.lack(params.max_samples, params.denoise) {
+            return Err(Failure::Request(format!("--aov {}: {lack}", aov.name())));
         }
     }
     Ok(())
+}
+
+/// What denoises, if that is asked for. Found out before the work, not after.
+pub fn denoiser(place: Option<&Path>, asked: bool) -> Result<Option<Denoiser>, Failure> {
+    let found = asked.then(|| apart::denoiser(place, Bounds::default()));
+    found.transpose().map_err(|why| Failure::Request(format!("/params/denoise: {why}")))
 }
 
 /// The scene that was read last, with what was compiled of it: the pictures of a manifest mostly share theirs.
@@ -180,6 +192,7 @@ fn maps(params: &RenderParams) -> Result<MapFiles, Failure> {
 /// Traces and encodes.
 pub fn picture(
     engine: &mut dyn Engine,
+    denoiser: Option<&Denoiser>,
     prepared: Prepared,
     mut stages: Stages,
     params: &RenderParams,
@@ -203,6 +216,7 @@ pub fn picture(
         adaptive,
         error: error.map(|error| error.relative_rms),
         error_bound_95: error.map(|error| error.upper_bound_95),
+        denoised: None,
         seed: params.seed,
         engine: rendered.device.engine,
         device: rendered.device,
@@ -214,9 +228,13 @@ pub fn picture(
         non_finite: rendered.non_finite,
         scene,
     };
-    let bytes = film::encode(&rendered.film.picture(), params, params.output.format, &report.facts());
-    report.seconds.encode = seconds(begun);
-    let aovs = rendered.film.aovs();
+    let (mut picture, mut aovs) = (rendered.film.picture(), rendered.film.aovs());
+    if params.denoise {
+        let asked = Denoising { denoiser, guides: rendered.guides, wanted: &|| true };
+        picture = denoised(asked, picture, &mut aovs, &mut report);
+    }
+    let bytes = film::encode(&picture, params, params.output.format, &report.facts());
+    report.seconds.encode = seconds(begun) - report.seconds.denoise;
     bytes.map(|bytes| (bytes, aovs, report)).map_err(|error| match error {
         film::EncodeError::Unsupported(_) => Failure::Request(error.to_string()),
         film::EncodeError::Failed(_) => Failure::Machine(error.to_string()),

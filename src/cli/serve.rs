@@ -3,6 +3,7 @@
 use super::traces::Traces;
 use super::{Failure, apart};
 use crate::config::{LogFormat, ServeConfig};
+use crate::denoise::Denoiser;
 use crate::http::{self, Access};
 use crate::jobs::{EngineFactory, Service, Trial, Webhooks};
 use crate::render::{ApartEngine, Engines, RenderError};
@@ -61,10 +62,13 @@ async fn serve(config: ServeConfig) -> anyhow::Result<()> {
         tracing::warn!("whoever reaches {address} may use this server (--keys FILE asks for keys)");
     }
     let engines = engines(&config);
-    let (webhooks, trial) = (webhooks(&config)?, trial(&config));
+    let (webhooks, trial, denoiser) = (webhooks(&config)?, trial(&config), denoiser(&config)?);
     let service = Service::start_in(config.data.as_deref(), config.limits, engines).await?;
     if let Some(trial) = trial {
         service.try_scenes(trial);
+    }
+    if let Some(denoiser) = denoiser {
+        service.denoise_with(denoiser);
     }
     if let Some(webhooks) = webhooks {
         service.tell_webhooks(webhooks);
@@ -100,6 +104,23 @@ fn trial(config: &ServeConfig) -> Option<Trial> {
         patience: Duration::from_secs(config.limits.import_seconds.max(1)),
         memory: config.limits.import_memory_bytes,
     })
+}
+
+/// What denoises, if it is there; a library that was named must be.
+fn denoiser(config: &ServeConfig) -> anyhow::Result<Option<Denoiser>> {
+    match apart::denoiser(config.oidn.as_deref(), config.limits.denoise()) {
+        Ok(denoiser) => {
+            tracing::info!("pictures are denoised on request by {}", denoiser.name());
+            Ok(Some(denoiser))
+        }
+        Err(why) => match &config.oidn {
+            Some(place) => anyhow::bail!("--oidn {}: {why}", place.display()),
+            None => {
+                tracing::info!("pictures cannot be denoised here: {why}");
+                Ok(None)
+            }
+        },
+    }
 }
 
 /// How webhooks are signed, if they are to be sent.
@@ -151,6 +172,7 @@ mod tests {
             webhook_hosts: Vec::new(),
             drain_seconds: 0,
             apart: false,
+            oidn: None,
             log_format: LogFormat::Text,
             otlp_endpoint: None,
             print_config: false,

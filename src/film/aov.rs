@@ -1,6 +1,6 @@
-//! Pictures beside the picture: how sure each pixel is, and how many samples it took.
+//! Pictures beside the picture: how sure each pixel is, how many samples it took, and of a denoised one what it was made from.
 
-use super::{Film, Picture, Tiles};
+use super::{Film, Guides, Picture, Tiles};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -13,17 +13,26 @@ pub enum Aov {
     StandardError,
     /// Samples of each pixel, the same in all three channels.
     Samples,
+    /// The picture before it was denoised.
+    Undenoised,
+    /// As [`Guides::albedo`], of a picture that was denoised.
+    Albedo,
+    /// As [`Guides::normal`], of a picture that was denoised.
+    Normal,
 }
 
 impl Aov {
     /// All there are.
-    pub const ALL: [Self; 2] = [Self::StandardError, Self::Samples];
+    pub const ALL: [Self; 5] = [Self::StandardError, Self::Samples, Self::Undenoised, Self::Albedo, Self::Normal];
 
     /// As the API and the command line have it.
     pub fn name(self) -> &'static str {
         match self {
             Self::StandardError => "standard_error",
             Self::Samples => "samples",
+            Self::Undenoised => "undenoised",
+            Self::Albedo => "albedo",
+            Self::Normal => "normal",
         }
     }
 
@@ -35,6 +44,19 @@ impl Aov {
         let known = Self::ALL.into_iter().find(|aov| aov.name() == name);
         known.ok_or_else(|| format!("there is no `{name}`: ask for {}", Self::ALL.map(Self::name).join(" or ")))
     }
+
+    /// Why a picture of so many samples per pixel, denoised or not, cannot have it; none: it can.
+    pub fn lack(self, max_samples: u32, denoised: bool) -> Option<&'static str> {
+        match self {
+            Self::StandardError if max_samples < 2 => {
+                Some("one sample per pixel has no spread to measure: ask for a `max_samples` of 2 or more")
+            }
+            Self::Undenoised | Self::Albedo | Self::Normal if !denoised => {
+                Some("only a picture that was denoised has it (`denoise: true`); any other is undenoised as it is")
+            }
+            _ => None,
+        }
+    }
 }
 
 /// What is kept of a film for its AOVs.
@@ -45,6 +67,15 @@ pub struct Aovs {
     standard_error: Option<Vec<[f32; 3]>>,
     /// Samples by tile.
     samples: Vec<u32>,
+    denoised: Option<Denoised>,
+}
+
+/// What a denoised picture was made from.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Denoised {
+    #[serde(with = "crate::pod")]
+    light: Vec<[f32; 3]>,
+    guides: Guides,
 }
 
 impl Film {
@@ -60,17 +91,28 @@ impl Film {
             tiles: self.tiles,
             standard_error: (self.used_replicates() >= 2).then(measured),
             samples: (0..self.tiles.count()).map(|tile| self.tile_samples(tile)).collect(),
+            denoised: None,
         }
     }
 }
 
 impl Aovs {
-    /// One as a picture with full coverage; none: a standard error of a film with fewer than two samples per pixel.
+    /// Keeps what the picture was made from.
+    pub fn note_denoised(&mut self, undenoised: &Picture, guides: Guides) {
+        let light = undenoised.pixels.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
+        self.denoised = Some(Denoised { light, guides });
+    }
+
+    /// One as a picture with full coverage; none: the film has too few samples for it, or was not denoised ([`Aov::lack`]).
     pub fn picture(&self, aov: Aov) -> Option<Picture> {
         let (width, height) = (self.tiles.width(), self.tiles.height());
         let opaque = |[r, g, b]: [f32; 3]| [r, g, b, 1.0];
+        let pictured = |values: &[[f32; 3]]| values.iter().copied().map(opaque).collect();
         let pixels = match aov {
-            Aov::StandardError => self.standard_error.as_ref()?.iter().copied().map(opaque).collect(),
+            Aov::StandardError => pictured(self.standard_error.as_ref()?),
+            Aov::Undenoised => pictured(&self.denoised.as_ref()?.light),
+            Aov::Albedo => pictured(&self.denoised.as_ref()?.guides.albedo),
+            Aov::Normal => pictured(&self.denoised.as_ref()?.guides.normal),
             Aov::Samples => {
                 let samples = |x, y| self.samples[self.tiles.place(x, y).0 as usize] as f32;
                 (0..height).flat_map(|y| (0..width).map(move |x| opaque([samples(x, y); 3]))).collect()
@@ -81,7 +123,10 @@ impl Aovs {
 
     /// Memory that it takes.
     pub fn bytes(&self) -> usize {
-        size_of_val(self.samples.as_slice()) + self.standard_error.as_deref().map_or(0, size_of_val)
+        let of_denoised = |denoised: &Denoised| size_of_val(denoised.light.as_slice()) + denoised.guides.bytes();
+        size_of_val(self.samples.as_slice())
+            + self.standard_error.as_deref().map_or(0, size_of_val)
+            + self.denoised.as_ref().map_or(0, of_denoised)
     }
 }
 
@@ -116,8 +161,24 @@ mod tests {
     }
 
     #[test]
+    fn a_denoised_picture_has_what_it_was_made_from() {
+        let mut film = Film::new(2, 1);
+        film.fill([1; REPLICATES], |x, _, _, _| [x as f32, 1.0, 2.0, 0.5]);
+        let mut aovs = film.aovs();
+        assert_eq!(aovs.picture(Aov::Undenoised), None);
+        assert!(Aov::Undenoised.lack(4, false).is_some() && Aov::Undenoised.lack(4, true).is_none());
+        let before = aovs.bytes();
+        let guides = Guides { albedo: vec![[0.5; 3]; 2], normal: vec![[0.0, -1.0, 0.0]; 2] };
+        aovs.note_denoised(&film.picture(), guides);
+        let pixels = |aov| aovs.picture(aov).unwrap().pixels;
+        assert_eq!(pixels(Aov::Undenoised), [[0.0, 1.0, 2.0, 1.0], [1.0, 1.0, 2.0, 1.0]]);
+        assert_eq!((pixels(Aov::Albedo)[1], pixels(Aov::Normal)[0]), ([0.5, 0.5, 0.5, 1.0], [0.0, -1.0, 0.0, 1.0]));
+        assert_eq!(aovs.bytes() - before, 72);
+    }
+
+    #[test]
     fn names_are_read_back() {
         assert!(Aov::ALL.into_iter().all(|aov| Aov::from_name(aov.name()) == Ok(aov)));
-        assert!(Aov::from_name("depth").unwrap_err().contains("standard_error or samples"));
+        assert!(Aov::from_name("depth").unwrap_err().contains("standard_error or samples or"));
     }
 }

@@ -5,6 +5,7 @@ mod changes;
 mod distance;
 mod encode;
 mod error;
+mod guides;
 mod rates;
 #[cfg(test)]
 pub(crate) mod testing;
@@ -15,6 +16,7 @@ pub use aov::{Aov, Aovs};
 pub use changes::{Changes, Seen};
 pub use encode::{EncodeError, encode, encode_aov};
 pub use error::ErrorEstimate;
+pub use guides::Guides;
 pub use rates::{MOST, PILOT, STEPS};
 pub use tiles::{TILE_PIXELS, Tiles};
 

@@ -1,6 +1,7 @@
 //! Whether the server lives, whether it takes work, and how much.
 
 use super::App;
+use crate::denoise::Denoiser;
 use crate::jobs::{Code, Problem};
 use axum::Json;
 use axum::extract::State;
@@ -29,5 +30,6 @@ pub async fn limits(State(app): State<App>) -> Json<Value> {
     let mut value = json!(limits);
     value["scene"] = json!(limits.scene());
     value["params"] = json!(limits.params());
+    value["denoiser"] = json!(app.service.denoiser().map(Denoiser::name));
     Json(value)
 }

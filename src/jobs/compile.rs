@@ -1,7 +1,7 @@
 //! From an order to work for the device; blocks a core for as long as it takes.
 
 use super::job::{Job, Order};
-use super::memory::film_bytes;
+use super::memory::{DENOISE_BYTES_PER_PIXEL, film_bytes};
 use super::problem::{Code, Problem};
 use super::progress::seconds;
 use super::saved::SavedFilm;
@@ -31,7 +31,9 @@ pub(super) fn compile(
     let (scene, compiled) = order.scene.compile(params, &maps)?;
     let film = film_bytes(params.width, params.height);
     let copy = if film <= copied { film } else { 0 };
-    let bytes = film + copy + compiled_bytes(&compiled);
+    let pixels = u64::from(params.width) * u64::from(params.height);
+    let denoising = if params.denoise { pixels * DENOISE_BYTES_PER_PIXEL } else { 0 };
+    let bytes = film + copy + denoising + compiled_bytes(&compiled);
     if bytes > memory_limit {
         let detail = format!(
             "the scene and the picture need about {bytes} bytes, above this server's limit of {memory_limit} for a \

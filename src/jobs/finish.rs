@@ -7,8 +7,9 @@ use super::problem::{Code, Problem};
 use super::progress::seconds;
 use super::scenes::content_id;
 use super::worker::Shared;
-use crate::film::{self, Aov, EncodeError, Film, Picture};
+use crate::film::{self, Aov, EncodeError, Film, Guides, Picture};
 use crate::params::{ImageFormat, RenderParams};
+use crate::render::denoised::{Denoising, denoised};
 use crate::render::prepare::Prepared;
 use crate::render::report::{Report, Stages};
 use crate::render::{DeviceInfo, NonFinite, StopReason};
@@ -26,6 +27,8 @@ pub(super) struct Ended {
     pub job: Arc<Job>,
     pub prepared: Prepared,
     pub film: Film,
+    /// What guides a denoiser, if it is to be.
+    pub guides: Option<Guides>,
     pub reason: StopReason,
     pub device: DeviceInfo,
     pub stages: Stages,
@@ -40,7 +43,7 @@ pub(super) struct Ended {
 pub(super) fn finish(ended: Ended, shared: &Shared) {
     let job = Arc::clone(&ended.job);
     let _span = tracing::info_span!(parent: &job.span(), "encode").entered();
-    let made = catch_unwind(AssertUnwindSafe(|| make(ended))).unwrap_or_else(|_| {
+    let made = catch_unwind(AssertUnwindSafe(|| make(ended, shared))).unwrap_or_else(|_| {
         Err(Problem::new(Code::Internal, "the picture could not be made by a fault of the server"))
     });
     let stored = made.and_then(|made| store(&made, &job, shared));
@@ -86,10 +89,10 @@ struct Made {
     _claim: Claim,
 }
 
-fn make(ended: Ended) -> Result<Made, Problem> {
+fn make(ended: Ended, shared: &Shared) -> Result<Made, Problem> {
     let begun = Instant::now();
-    let Ended { job, prepared, film, reason, device, stages, non_finite, cut_by_server, claim } = ended;
-    let developed = Developed { picture: film.picture(), aovs: film.aovs() };
+    let Ended { job, prepared, film, guides, reason, device, stages, non_finite, cut_by_server, claim } = ended;
+    let mut developed = Developed { picture: film.picture(), aovs: film.aovs() };
     let error = film.error();
     let (samples_min, samples_max) = film.samples_range();
     let params = &job.spec.params;
@@ -100,6 +103,7 @@ fn make(ended: Ended) -> Result<Made, Problem> {
         adaptive: prepared.work.settings.adaptive,
         error: error.map(|error| error.relative_rms),
         error_bound_95: error.map(|error| error.upper_bound_95),
+        denoised: None,
         seed: params.seed,
         engine: device.engine,
         device,
@@ -119,8 +123,12 @@ fn make(ended: Ended) -> Result<Made, Problem> {
             detail: "the render was stopped at the server's limit of time (GET /v1/limits, render_seconds)".to_owned(),
         });
     }
+    if params.denoise {
+        let denoising = Denoising { denoiser: shared.denoiser.get(), guides, wanted: &|| !job.is_over() };
+        developed.picture = denoised(denoising, developed.picture, &mut developed.aovs, &mut report);
+    }
     let file = encode(&developed.picture, params, params.output.format, &report.facts())?;
-    report.seconds.encode = seconds(begun.elapsed());
+    report.seconds.encode = seconds(begun.elapsed()) - report.seconds.denoise;
     Ok(Made { record: Record::new(&report), file: file.bytes, developed, _claim: claim })
 }
 
@@ -137,8 +145,8 @@ pub(super) fn encode(
 /// Encodes what is known of each pixel and hashes the file.
 pub(super) fn encode_aov(developed: &Developed, aov: Aov, record: &Record) -> Result<Encoded, Problem> {
     let picture = developed.aovs.picture(aov).ok_or_else(|| {
-        let detail = "one sample per pixel has no spread to measure: ask for a `max_samples` of 2 or more";
-        Problem::new(Code::NotAcceptable, detail)
+        let lack = aov.lack(1, false).unwrap_or_default();
+        Problem::new(Code::NotAcceptable, format!("this result has no {}: {lack}", aov.name()))
     })?;
     encoded(film::encode_aov(&picture, &record.facts), ImageFormat::Exr)
 }

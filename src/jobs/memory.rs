@@ -11,6 +11,9 @@ const BYTES_PER_LANE: u64 = 128;
 /// channel.
 const BYTES_PER_PIXEL: u64 = 16 + 12 + 8;
 
+/// Bytes per pixel of denoising: guides (twice three f32), the picture before and the one on its way to the process and back.
+pub const DENOISE_BYTES_PER_PIXEL: u64 = 24 + 28 + 24;
+
 /// Memory of a render of so many pixels, without its scene.
 pub fn film_bytes(width: u32, height: u32) -> u64 {
     let lanes = u64::from(Tiles::new(width, height).count()) * TILE_PIXELS as u64;

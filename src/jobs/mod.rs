@@ -60,6 +60,7 @@ pub use webhooks::Webhooks;
 pub use worker::EngineFactory;
 
 use crate::config::Limits;
+use crate::denoise::Denoiser;
 use crate::render::RenderError;
 use memory::Budget;
 use saved::SavedFilm;
@@ -121,6 +122,7 @@ struct Core {
     closed: watch::Sender<bool>,
     webhooks: OnceLock<Webhooks>,
     trial: OnceLock<Trial>,
+    denoiser: Arc<OnceLock<Denoiser>>,
 }
 
 impl Service {
@@ -148,7 +150,9 @@ impl Service {
         let tidy = Arc::new(Notify::new());
         let budget = Budget::new(limits.render_memory_bytes);
         let closed = watch::Sender::new(false);
+        let denoiser = Arc::<OnceLock<_>>::default();
         let shared = Arc::new(Shared {
+            denoiser: Arc::clone(&denoiser),
             table: Arc::clone(&table),
             budget: budget.clone(),
             meters: Arc::clone(&meters),
@@ -181,6 +185,7 @@ impl Service {
                 closed,
                 webhooks: OnceLock::new(),
                 trial: OnceLock::new(),
+                denoiser,
                 limits,
             }),
         };
@@ -206,6 +211,17 @@ impl Service {
     pub fn try_scenes(&self, trial: Trial) {
         // The first one stays.
         let _ = self.core.trial.set(trial);
+    }
+
+    /// Has pictures denoised whose requests ask for it, from now on.
+    pub fn denoise_with(&self, denoiser: Denoiser) {
+        // The first one stays.
+        let _ = self.core.denoiser.set(denoiser);
+    }
+
+    /// What denoises here, if there is something that can.
+    pub fn denoiser(&self) -> Option<&Denoiser> {
+        self.core.denoiser.get()
     }
 
     /// Runs work that needs a core for long, when there is a place for it. Its panic becomes a problem.

@@ -3,7 +3,6 @@
 use super::blobs::BlobRef;
 use crate::film::{Aovs, Picture};
 use crate::params::ImageFormat;
-use crate::render::StopReason;
 use crate::render::report::Report;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
@@ -55,7 +54,7 @@ pub struct Record {
     pub error: Option<f64>,
     /// The error is below this with 95 % confidence.
     pub error_bound_95: Option<f64>,
-    /// Whether the same request would give the same picture: no clock has ended the render.
+    /// As [`Report::is_repeatable`].
     pub repeatable: bool,
 }
 
@@ -69,13 +68,13 @@ impl Record {
             samples: report.samples,
             error: report.error,
             error_bound_95: report.error_bound_95,
-            repeatable: report.stop_reason != StopReason::Deadline,
+            repeatable: report.is_repeatable(),
         }
     }
 }
 
 /// First byte of a stored [`Developed`]; another one once its shape changes.
-const SHAPE: u8 = 1;
+const SHAPE: u8 = 2;
 
 /// A picture before tone mapping and encoding.
 #[derive(Debug, Serialize, Deserialize)]

@@ -94,6 +94,8 @@ codes! {
     InvalidParams = "invalid_params", 422, "The parameters are not valid";
     /// Valid, but beyond a limit of this server.
     LimitExceeded = "limit_exceeded", 422, "The request is beyond a limit of this server";
+    /// Denoising is asked for, and nothing here can do it.
+    DenoiserMissing = "denoiser_missing", 422, "This server cannot denoise";
     /// The key was used with another request.
     IdempotencyMismatch = "idempotency_mismatch", 422, "The idempotency key belongs to another request";
     /// The image cannot be decoded.

@@ -8,6 +8,7 @@ use super::saved::ENGINE_VERSION;
 use super::scenes::content_id;
 use super::table::Admission;
 use super::{RETRY_SECONDS, Service};
+use crate::denoise::HOW_TO_GET_IT;
 use crate::params::{FieldError, ImageFormat, RenderParams};
 use std::sync::Arc;
 
@@ -227,6 +228,13 @@ impl Service {
         if !(-100..=100).contains(&priority) {
             let detail = format!("must lie between -100 and 100, and is {priority}");
             return Err(invalid(vec![FieldError { pointer: "/priority".to_owned(), detail }]));
+        }
+        if params.denoise && self.denoiser().is_none() {
+            let detail = format!(
+                "this server has no Open Image Denoise: leave it out, and smooth the picture yourself if it must be; for whoever runs the \
+                 server, {HOW_TO_GET_IT}"
+            );
+            return Err(Problem::fields(Code::DenoiserMissing, vec![FieldError::new("/params/denoise", detail)]));
         }
         let (bytes, limit) = (film_bytes(params.width, params.height), self.core.limits.job_memory_bytes);
         if bytes > limit {

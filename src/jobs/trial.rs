@@ -2,6 +2,7 @@
 //! is that process. What it has read well is then read here, in the same way.
 
 use super::problem::{Code, Problem};
+use crate::process::restrict_memory;
 use crate::scene::{self, Limits, Package};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
@@ -104,7 +105,7 @@ impl Trial {
         let mut task = Vec::new();
         input.by_ref().take(u64::from_le_bytes(length)).read_to_end(&mut task)?;
         let Task { memory, limits, files } = postcard::from_bytes(&task).map_err(io::Error::other)?;
-        restrict(memory)?;
+        restrict_memory(memory)?;
         let mut parts = Vec::new();
         for (name, length) in files {
             let mut bytes = Vec::new();
@@ -115,20 +116,4 @@ impl Trial {
         let _ = Package::from_parts(parts, &limits).and_then(|package| scene::import(&package, &limits));
         Ok(())
     }
-}
-
-/// Address space of the program itself and of its threads' stacks.
-const OWN: u64 = 1 << 30;
-
-/// No more memory than that for this process, where the system can say so.
-fn restrict(bytes: u64) -> io::Result<()> {
-    #[cfg(unix)]
-    {
-        use rustix::process::{Resource, Rlimit, setrlimit};
-        let most = Some(bytes.saturating_add(OWN));
-        setrlimit(Resource::As, Rlimit { current: most, maximum: most })?;
-    }
-    #[cfg(not(unix))]
-    let _ = bytes;
-    Ok(())
 }

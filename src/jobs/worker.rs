@@ -11,14 +11,15 @@ use super::saved::{Origin, SavedFilm};
 use super::share::{self, Pace};
 use super::storage::Storage;
 use super::table::Table;
+use crate::denoise::Denoiser;
 use crate::film::Film;
 use crate::params::Mode;
 use crate::render::prepare::Prepared;
 use crate::render::report::Stages;
 use crate::render::{Engine, Render, RenderError, StopReason, Work};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 use tokio::sync::{Notify, oneshot, watch};
 
@@ -62,6 +63,7 @@ pub(super) struct Shared {
     /// Films above so many bytes are not saved.
     pub save_bytes: u64,
     pub storage: Arc<Storage>,
+    pub denoiser: Arc<OnceLock<Denoiser>>,
     /// To be told when jobs are over, so that old ones leave.
     pub tidy: Arc<Notify>,
     pub runtime: tokio::runtime::Handle,
@@ -285,12 +287,12 @@ impl Worker {
     /// Hands the film over to be made into a file, elsewhere.
     fn end(&mut self, turn: usize, reason: StopReason) {
         let active = self.active.swap_remove(turn);
-        let Active { ready, render, claim, attained, started, .. } = active;
+        let Active { ready, mut render, claim, attained, started, .. } = active;
         let samples = render.film().samples();
         if ready.prepared.work.settings.mode != Mode::Preview {
             self.pace.learn(pixel_samples(&ready.prepared.work, samples), attained);
         }
-        let (non_finite, device) = (render.non_finite(), render.device().clone());
+        let (non_finite, device, guides) = (render.non_finite(), render.device().clone(), render.take_guides());
         let Ok(film) = guarded(|| Ok(render.into_film())) else {
             return self.fail(&ready.job, Fault::Panic.into());
         };
@@ -301,6 +303,7 @@ impl Worker {
             job: ready.job,
             prepared: ready.prepared,
             film,
+            guides,
             reason,
             device,
             stages,

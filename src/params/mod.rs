@@ -84,6 +84,8 @@ pub struct RenderParams {
     /// Energy compensation for multiple scattering in microfacets (docs/accuracy.md). Off: the single-scattering
     /// formulas of the glTF appendix.
     pub multiple_scattering: bool,
+    /// Whether the noise that is left is smoothed by Open Image Denoise.
+    pub denoise: bool,
     /// How `mode: direct` shades.
     pub direct: DirectParams,
     /// How `mode: preview` draws.
@@ -122,6 +124,7 @@ impl Default for RenderParams {
             seed: 1,
             filter: Filter::default(),
             multiple_scattering: true,
+            denoise: false,
             direct: DirectParams::default(),
             preview: PreviewParams::default(),
             tone_mapping: ToneMapping::Aces,

@@ -103,6 +103,9 @@ impl RenderParams {
             check.require(self.mode != Mode::Preview || self.engine != EngineChoice::Cpu, "engine", || {
                 "previews are drawn by graphics drivers alone: leave it out, or ask for gpu".to_owned()
             });
+            check.require(self.mode != Mode::Preview || !self.denoise, "denoise", || {
+                "previews have no noise: leave it out, or ask for mode path".to_owned()
+            });
             if let Some(camera) = &self.camera {
                 check.at("camera", |check| check_camera(check, camera));
             }
@@ -298,6 +301,7 @@ pub(super) mod tests {
             (r#"{"target_error": 0}"#, "/params/target_error"),
             (r#"{"deadline_ms": 0}"#, "/params/deadline_ms"),
             (r#"{"max_bounces": 100001}"#, "/params/max_bounces"),
+            (r#"{"denoise": true, "mode": "preview"}"#, "/params/denoise"),
             (r#"{"exposure": 65}"#, "/params/exposure"),
             (r#"{"exposure": 1e300}"#, "/params/exposure"),
             (r#"{"filter": {"radius": 0}}"#, "/params/filter/radius"),

@@ -2,6 +2,7 @@
 
 use super::cpu::CpuEngine;
 use super::gpu::{GpuEngine, has_hardware_adapter};
+use super::guided::Guided;
 use super::reach::without_unseen_environment;
 use super::{Engine, Render, RenderError, Work};
 use crate::film::Film;
@@ -52,9 +53,14 @@ impl Engine for Engines {
             given => given,
         };
         let work = without_unseen_environment(&mut self.cpu, work)?;
-        match choice {
+        let guides = work.settings.denoise.then(|| self.cpu.guides(&work));
+        let render = match choice {
             EngineChoice::Gpu => self.gpu()?.begin(work, film),
             EngineChoice::Cpu | EngineChoice::Auto => self.cpu.begin(work, film),
-        }
+        }?;
+        Ok(match guides {
+            Some(guides) => Box::new(Guided::new(guides, render)),
+            None => render,
+        })
     }
 }

@@ -3,9 +3,11 @@
 pub mod albedo;
 mod apart;
 pub mod cpu;
+pub mod denoised;
 mod engines;
 pub mod forecast;
 pub mod gpu;
+mod guided;
 pub mod layer_albedo;
 mod plan;
 pub mod prepare;
@@ -21,7 +23,7 @@ pub use apart::{ApartEngine, host};
 pub use engines::Engines;
 
 use crate::compile::{CompiledScene, Features, Lighting, View};
-use crate::film::Film;
+use crate::film::{Film, Guides};
 use crate::params::{DirectParams, DirectShading, EngineChoice, Mode, PreviewParams};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -67,6 +69,8 @@ pub struct Settings {
     pub target_error: Option<f64>,
     /// Tracing time to stop at.
     pub deadline: Option<Duration>,
+    /// Whether the picture is to be denoised, which takes [`Guides`].
+    pub denoise: bool,
     /// How direct light is shaded.
     pub direct: DirectParams,
     /// How a preview is drawn.
@@ -196,4 +200,9 @@ pub trait Render {
 
     /// Dropped samples.
     fn non_finite(&self) -> NonFinite;
+
+    /// What guides a denoiser, handed out once: of renders whose settings ask for it, before the first sample.
+    fn take_guides(&mut self) -> Option<Guides> {
+        None
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::{DeviceInfo, Engine, NonFinite, RenderError, Settings, StopReason, Strategy, Work};
 use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Features, Hdri, Lighting, View};
-use crate::film::Film;
+use crate::film::{Film, Guides};
 use crate::params::{Mode, RenderParams};
 use crate::scene::{Scene, Warning};
 use std::sync::Arc;
@@ -146,6 +146,7 @@ impl From<&RenderParams> for Settings {
             adaptive: params.adaptive && !is_preview,
             target_error: params.target_error.filter(|_| !is_preview),
             deadline: params.deadline_ms.map(Duration::from_millis),
+            denoise: params.denoise && !is_preview,
             direct: params.direct,
             preview: params.preview,
         }
@@ -157,6 +158,8 @@ impl From<&RenderParams> for Settings {
 pub struct Rendered {
     /// Its samples.
     pub film: Film,
+    /// What guides a denoiser, if it was to.
+    pub guides: Option<Guides>,
     /// Why it ended.
     pub reason: StopReason,
     /// Dropped samples.
@@ -200,6 +203,7 @@ pub fn render_to_end(
         if let Some(reason) = ended {
             let (non_finite, device) = (render.non_finite(), render.device().clone());
             return Ok(Rendered {
+                guides: render.take_guides(),
                 film: render.into_film(),
                 reason,
                 non_finite,

@@ -2,6 +2,7 @@
 
 use super::{DeviceInfo, NonFinite, StopReason};
 use crate::compile::{CompileStats, DefaultTaken};
+use crate::denoise;
 use crate::scene::Warning;
 use serde::Serialize;
 
@@ -20,6 +21,8 @@ pub struct Stages {
     pub device_upload: f64,
     /// Slices of the device spent on this job.
     pub trace: f64,
+    /// Smoothing the noise, if that was asked for.
+    pub denoise: f64,
     /// Film to file, in the format of `output`.
     pub encode: f64,
 }
@@ -39,6 +42,8 @@ pub struct Report {
     pub error: Option<f64>,
     /// The error is below this with 95 % confidence.
     pub error_bound_95: Option<f64>,
+    /// What has denoised the picture after that; none: nothing has.
+    pub denoised: Option<String>,
     /// Seed of every random number.
     pub seed: u32,
     /// What traced.
@@ -62,6 +67,11 @@ pub struct Report {
 }
 
 impl Report {
+    /// Whether the same request would give the same picture: neither a clock nor a fault has had a part in it.
+    pub fn is_repeatable(&self) -> bool {
+        self.stop_reason != StopReason::Deadline && !self.warnings.iter().any(|warning| warning.code == denoise::FAILED)
+    }
+
     /// Facts that are the same whenever the same picture is made: for the file itself, whose bytes must not change.
     pub fn facts(&self) -> Vec<(String, String)> {
         let error = |value: Option<f64>| value.map_or_else(|| "unknown".to_owned(), |value| format!("{value:.6}"));
@@ -73,6 +83,7 @@ impl Report {
             ("Candela-Adaptive", self.adaptive.to_string()),
             ("Candela-Error", error(self.error)),
             ("Candela-Error-Bound-95", error(self.error_bound_95)),
+            ("Candela-Denoised", self.denoised.clone().unwrap_or_else(|| "no".to_owned())),
             ("Candela-Seed", self.seed.to_string()),
             ("Candela-Engine", self.engine.to_owned()),
             ("Candela-Device", format!("{}; {}; {}", self.device.name, self.device.backend, self.device.driver)),
@@ -96,6 +107,7 @@ impl Report {
             ("queue", s.queue),
             ("device_upload", s.device_upload),
             ("trace", s.trace),
+            ("denoise", s.denoise),
             ("encode", s.encode),
         ];
         stages.map(|(name, seconds)| format!("{name}={seconds:.4}")).join(", ")

@@ -8,6 +8,7 @@ mod batches;
 mod command_line;
 mod connections;
 mod contract;
+mod denoise;
 mod durable;
 mod engine;
 mod events;

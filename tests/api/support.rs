@@ -2,6 +2,7 @@
 
 use crate::engine;
 use candela::config::Limits;
+use candela::denoise::Denoiser;
 use candela::http::{self, Access};
 use candela::jobs::{EngineFactory, Service, Webhooks};
 use serde_json::{Value, json};
@@ -29,6 +30,7 @@ pub struct Setup {
     pub patience: Duration,
     pub access: Access,
     pub webhooks: Option<Webhooks>,
+    pub denoiser: Option<Denoiser>,
 }
 
 impl Server {
@@ -49,7 +51,7 @@ impl Server {
 
     /// With whatever a server may have.
     pub fn set_up(setup: Setup, factory: EngineFactory) -> Self {
-        let Setup { folder, limits, patience, access, webhooks } = setup;
+        let Setup { folder, limits, patience, access, webhooks, denoiser } = setup;
         let (stop, stopped) = oneshot::channel();
         let (tell, told) = std::sync::mpsc::channel();
         let thread = std::thread::spawn(move || {
@@ -59,6 +61,9 @@ impl Server {
                 let service = Service::start_in(folder.as_deref(), limits, factory).await.expect("an engine");
                 if let Some(webhooks) = webhooks {
                     service.tell_webhooks(webhooks);
+                }
+                if let Some(denoiser) = denoiser {
+                    service.denoise_with(denoiser);
                 }
                 tell.send(listener.local_addr().expect("an address")).expect("the test waits");
                 let shutdown = async {

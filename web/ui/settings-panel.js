@@ -50,7 +50,10 @@ const WHOLE = { step: 1 };
 
 const BIAS = { min: 0, max: 1000, unit: "texels" };
 
-/** Per panel: setting, field class, label, options. `to` and `from` change units between field and setting. */
+/**
+ * Per panel: setting, field class, label, options. `to` and `from` change units between field and setting; `hidden`: shown only once the
+ * server is known to be able to.
+ */
 const PANELS = {
   look: [
     ["exposure", SliderField, "Exposure", { min: -6, max: 6, lowest: -32, highest: 32, unit: "stops" }],
@@ -75,6 +78,7 @@ const PANELS = {
     ],
     ["seed", NumberField, "Seed", { min: 0, max: 4294967295, ...WHOLE }],
     ["multiple_scattering", CheckField, "Energy compensation", {}],
+    ["denoise", CheckField, "Denoise (smooths, may invent)", { hidden: true }],
   ],
   preview: [
     ["moving", SelectField, "While moving", { options: MOVING }],
@@ -107,13 +111,20 @@ const convert = (value, by) => (value === null || !by ? value : by(value));
 export class SettingsPanel {
   /** `panel`: key of PANELS; `onChange({setting: value}, live)`. */
   constructor(element, panel, settings, onChange) {
-    for (const [name, Kind, label, { to, from, ...options }] of PANELS[panel]) {
+    for (const [name, Kind, label, { to, from, hidden = false, ...options }] of PANELS[panel]) {
       const value = convert(settings[name], to);
       const field = new Kind(label, { value, ...options }, (input, live) =>
         onChange({ [name]: convert(input, from) }, live),
       );
       field.element.dataset.setting = name;
+      field.element.hidden = hidden;
       element.append(field.element);
     }
+    this.element = element;
+  }
+
+  /** Shows a setting that not every server has. */
+  offer(setting) {
+    this.element.querySelector(`[data-setting="${setting}"]`).hidden = false;
   }
 }

@@ -126,7 +126,7 @@ pub fn run(
 }
 
 /// Demos by their names, and models that were given.
-pub(super) fn scenes(demos: &[&str], models: &[PathBuf]) -> Result<Vec<(String, Scene)>> {
+pub fn scenes(demos: &[&str], models: &[PathBuf]) -> Result<Vec<(String, Scene)>> {
     let demo = |name: &&str| Ok(((*name).to_owned(), demo_scene(name)?));
     let mut scenes: Vec<_> = demos.iter().map(demo).collect::<Result<_>>()?;
     if models.is_empty() {

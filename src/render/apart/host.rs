@@ -1,8 +1,9 @@
 //! The process that holds the engine: it does what it is asked, one ask after the other, and ends with whoever asks.
 
-use super::wire::{Answer, Ask, Begin, Device, Failure, Stepped, read_frame, write_frame};
+use super::wire::{Answer, Ask, Begin, Device, Failure, Stepped};
 use crate::compile::{CompiledScene, EnvironmentKind, Hdri, Lighting};
 use crate::film::Seen;
+use crate::process::{read_frame, write_frame};
 use crate::render::{Engine, Render, RenderError, Work};
 use std::collections::HashMap;
 use std::io::{self, Read, Write};
@@ -107,6 +108,7 @@ impl Host {
                 progress: render.progress(),
                 non_finite: render.non_finite(),
                 changes: seen.update(render.film()),
+                guides: render.take_guides(),
             }),
             Err(failure) => Answer::Failed(failure),
         }

@@ -1,8 +1,9 @@
 //! The side that asks: an [`Engine`] like any other, as whoever uses it sees.
 
-use super::wire::{Answer, Ask, Failure, Stepped, ask, read_frame, write_frame};
+use super::wire::{Answer, Ask, Failure, Stepped, ask};
 use crate::compile::{CompiledScene, EnvironmentKind, Hdri};
-use crate::film::Film;
+use crate::film::{Film, Guides};
+use crate::process::{read_frame, write_frame};
 use crate::render::{DeviceInfo, Engine, NonFinite, Render, RenderError, StopReason, Work};
 use serde::Serialize;
 use std::cell::{Cell, RefCell};
@@ -91,6 +92,7 @@ impl Engine for ApartEngine {
                 film: film.unwrap_or_else(|| Film::new(view.width, view.height)),
                 progress: 0.0,
                 non_finite: NonFinite::default(),
+                guides: None,
             })),
             Answer::Failed(failure) => Err(self.link.failed(failure)),
             _ => Err(self.link.lose("it gave another answer")),
@@ -106,6 +108,7 @@ struct ApartRender {
     film: Film,
     progress: f64,
     non_finite: NonFinite,
+    guides: Option<Guides>,
 }
 
 impl Render for ApartRender {
@@ -116,10 +119,11 @@ impl Render for ApartRender {
     fn step(&mut self) -> Result<Option<StopReason>, RenderError> {
         self.link.tell(Ask::Step(self.render), &())?;
         match self.link.answer()? {
-            Answer::Stepped(Stepped { reason, progress, non_finite, changes }) => {
+            Answer::Stepped(Stepped { reason, progress, non_finite, changes, guides }) => {
                 if !self.film.follow(changes) {
                     return Err(self.link.lose("its film does not fit"));
                 }
+                self.guides = guides.or(self.guides.take());
                 (self.progress, self.non_finite) = (progress, non_finite);
                 Ok(reason)
             }
@@ -142,6 +146,10 @@ impl Render for ApartRender {
 
     fn non_finite(&self) -> NonFinite {
         self.non_finite
+    }
+
+    fn take_guides(&mut self) -> Option<Guides> {
+        self.guides.take()
     }
 }
 

@@ -1,10 +1,9 @@
 //! What the two processes say: frames of a length and a `postcard` message, asks one way, an answer to some of them the other way.
 
 use crate::compile::{Features, View};
-use crate::film::{Changes, Film};
+use crate::film::{Changes, Film, Guides};
 use crate::render::{DeviceInfo, NonFinite, RenderError, Settings, StopReason};
 use serde::{Deserialize, Serialize};
-use std::io::{self, Read, Write};
 
 /// What an engine is asked for. Some asks have a body after them in the same frame.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
@@ -57,6 +56,8 @@ pub struct Stepped {
     pub non_finite: NonFinite,
     /// What its film has gained.
     pub changes: Changes,
+    /// As [`crate::render::Render::take_guides`].
+    pub guides: Option<Guides>,
 }
 
 /// Why an engine did not do what it was asked.
@@ -95,21 +96,4 @@ impl From<Device> for DeviceInfo {
 /// An ask, and the body that follows it.
 pub fn ask(head: Ask, body: &impl Serialize) -> postcard::Result<Vec<u8>> {
     postcard::to_extend(body, postcard::to_stdvec(&head)?)
-}
-
-/// Writes a frame.
-pub fn write_frame(writer: &mut impl Write, message: &[u8]) -> io::Result<()> {
-    writer.write_all(&(message.len() as u64).to_le_bytes())?;
-    writer.write_all(message)?;
-    writer.flush()
-}
-
-/// Reads a frame; memory is taken as its bytes arrive, whatever length it claims.
-pub fn read_frame(reader: &mut impl Read) -> io::Result<Vec<u8>> {
-    let mut length = [0; 8];
-    reader.read_exact(&mut length)?;
-    let length = u64::from_le_bytes(length);
-    let mut message = Vec::new();
-    reader.take(length).read_to_end(&mut message)?;
-    if message.len() as u64 == length { Ok(message) } else { Err(io::ErrorKind::UnexpectedEof.into()) }
 }

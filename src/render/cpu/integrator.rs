@@ -55,7 +55,7 @@ pub(super) struct Vertex<'a> {
 /// A path under way.
 pub(super) struct Path {
     pub ray: Ray,
-    throughput: DVec3,
+    pub throughput: DVec3,
     radiance: DVec3,
     pub bounce: u32,
     /// Density of the ray's direction over solid angle; none: no light sample could have found it.
@@ -69,7 +69,7 @@ pub(super) struct Path {
     /// What the ray is in.
     pub media: Media,
     /// The camera sees a surface.
-    seen: bool,
+    pub seen: bool,
     /// The camera sees a light.
     lit: bool,
     /// Colour that is followed from the first dispersion on: place in the visible range.
@@ -92,12 +92,23 @@ impl Integrator {
 
     /// Radiance (premultiplied) and coverage of one sample of a pixel.
     pub fn sample(&self, x: u32, y: u32, sampler: &Sampler) -> DVec4 {
+        let mut path = self.begin(x, y, sampler);
+        self.follow(&mut path, sampler);
+        let view = &self.work.view;
+        if !path.seen && !view.transparent && self.work.lighting.environment.visible {
+            path.radiance += environment::radiance(&self.work.lighting.environment, path.ray.direction);
+        }
+        path.radiance.extend(f64::from(u8::from(path.seen || path.lit || !view.transparent)))
+    }
+
+    /// A path that leaves the camera.
+    pub(super) fn begin(&self, x: u32, y: u32, sampler: &Sampler) -> Path {
         let moment = match self.work.features.motion {
             true => Moment::draw(self.work.settings.pieces, sampler),
             false => Moment::OPEN,
         };
         let ray = self.camera.ray(x, y, moment, sampler);
-        let mut path = Path {
+        Path {
             ray,
             throughput: DVec3::ONE,
             radiance: DVec3::ZERO,
@@ -110,13 +121,7 @@ impl Integrator {
             seen: false,
             lit: false,
             wavelength: None,
-        };
-        self.follow(&mut path, sampler);
-        let view = &self.work.view;
-        if !path.seen && !view.transparent && self.work.lighting.environment.visible {
-            path.radiance += environment::radiance(&self.work.lighting.environment, path.ray.direction);
         }
-        path.radiance.extend(f64::from(u8::from(path.seen || path.lit || !view.transparent)))
     }
 
     /// From the camera to the path's end.
@@ -130,13 +135,9 @@ impl Integrator {
             }
             let Some(hit) = hit else { break };
             let surface = Surface::new(&self.work.scene, &hit, path.ray.direction, path.ray.moment);
-            if !path.seen && surface.back && surface.material.flags & (Material::DOUBLE_SIDED | Material::FILLED) == 0 {
-                // The camera does not see the backs of one-sided surfaces (glTF 2.0, 3.9.6).
-                path.ray.origin = surface.leave(path.ray.direction);
-                path.ray.ends[0] = surface.primitive;
+            if self.passes_back(path, &surface) {
                 continue;
             }
-            path.seen = true;
             if !self.interact(path, &surface, &hit, sampler) {
                 return;
             }
@@ -144,6 +145,18 @@ impl Integrator {
         if path.seen {
             path.radiance += path.throughput * self.distant(path);
         }
+    }
+
+    /// Leads a path past a surface that the camera does not see: the backs of one-sided ones (glTF 2.0, 3.9.6).
+    pub(super) fn passes_back(&self, path: &mut Path, surface: &Surface) -> bool {
+        let one_sided = surface.material.flags & (Material::DOUBLE_SIDED | Material::FILLED) == 0;
+        if path.seen || !surface.back || !one_sided {
+            path.seen = true;
+            return false;
+        }
+        path.ray.origin = surface.leave(path.ray.direction);
+        path.ray.ends[0] = surface.primitive;
+        true
     }
 
     /// Takes up the light that a surface sends along the path, and turns the path to where it goes on; false: it ends.
@@ -223,7 +236,7 @@ impl Integrator {
         chance < probability
     }
 
-    fn vertex<'a>(&self, surface: &'a Surface, path: &mut Path, sampler: &Sampler) -> Vertex<'a> {
+    pub(super) fn vertex<'a>(&self, surface: &'a Surface, path: &mut Path, sampler: &Sampler) -> Vertex<'a> {
         if self.work.settings.is_phong() {
             return self.phong_vertex(surface, path);
         }
@@ -274,7 +287,7 @@ impl Integrator {
 
     /// Turns the path to where it goes on; false: it ends.
     /// `distance`: length of the ray that led here.
-    fn scatter(&self, vertex: &Vertex, path: &mut Path, distance: f64, sampler: &Sampler) -> bool {
+    pub(super) fn scatter(&self, vertex: &Vertex, path: &mut Path, distance: f64, sampler: &Sampler) -> bool {
         let [choice, survival] = sampler.pair(Dimension::Choice(vertex.bounce));
         let Some(scattered) = vertex.bsdf.sample(choice, sampler.pair(Dimension::Lobe(vertex.bounce))) else {
             return false;
@@ -403,7 +416,7 @@ impl Integrator {
         Layered::new(surface, extended, self.model, &frame, frame.transpose() * -direction, None, None).straight()
     }
 
-    fn closest(&self, path: &Path, sampler: &Sampler) -> Option<Hit> {
+    pub(super) fn closest(&self, path: &Path, sampler: &Sampler) -> Option<Hit> {
         self.bvh.closest(&path.ray, |hit| self.stops(hit, RayKind::Path, path.bounce, sampler))
     }
 

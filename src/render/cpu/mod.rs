@@ -8,6 +8,7 @@ pub mod bvh;
 pub mod camera;
 pub mod environment;
 pub mod extended_light;
+mod guides;
 pub mod integrator;
 pub mod layers;
 pub mod light;
@@ -24,6 +25,7 @@ mod sphere;
 pub mod surface;
 mod texture;
 
+pub use guides::GuideTracer;
 pub use render::CpuRender;
 
 use super::{DeviceInfo, Engine, Render, RenderError, Work};
@@ -67,6 +69,13 @@ impl CpuEngine {
         let tree = Arc::new(Bvh::new(scene));
         self.trees.push((Arc::downgrade(scene), Arc::clone(&tree)));
         tree
+    }
+}
+
+impl CpuEngine {
+    /// What will find the guides of a picture, whichever engine traces its light.
+    pub fn guides(&mut self, work: &Work) -> GuideTracer {
+        GuideTracer::new(work.clone(), self.tree(&work.scene))
     }
 }
 
