@@ -202,7 +202,7 @@ fn write(connection: &Connection, batch: &mut Vec<(Box<Change>, Then)>, stuck: &
             }
         }
     };
-    stuck.send_if_modified(|stuck| std::mem::take(stuck));
+    stuck.send_if_modified(std::mem::take);
     for ((_, then), result) in batch.drain(..).zip(results) {
         then(result.map_err(LedgerError::Refused));
     }
