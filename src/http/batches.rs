@@ -17,7 +17,8 @@ const LINES: [&str; 3] = ["application/x-ndjson", "application/jsonl", "applicat
 /// `POST /v1/batches`
 pub async fn create(State(app): State<App>, headers: HeaderMap, request: Request) -> Result<Response, Problem> {
     let [] = query::fields(request.uri(), [])?;
-    let (key, caller) = (jobs::idempotency_key(&headers)?, caller(&request));
+    let caller = caller(&request);
+    let key = jobs::idempotency_key(&headers, &caller)?;
     let manifest = Text {
         kinds: &[LINES[0], LINES[1], LINES[2], "application/json"],
         bound: Bound { name: "manifest_bytes", bytes: app.service.limits().manifest_bytes as u64 },

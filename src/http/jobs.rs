@@ -2,7 +2,7 @@
 
 use super::list::{self, Page};
 use super::prefer::Patience;
-use super::{App, accept, caller, picture, query, scenes, upload};
+use super::{App, Caller, accept, caller, picture, query, scenes, upload};
 use crate::film::Aov;
 use crate::jobs::{
     Asked, Code, Encoded, Images, Job, Order, Problem, Stages, State as JobState, Submission, Webhook, no_params,
@@ -31,7 +31,7 @@ struct NewJob {
 
 /// `POST /v1/jobs`
 pub async fn create(State(app): State<App>, headers: HeaderMap, request: Request) -> Result<Response, Problem> {
-    let key = idempotency_key(&headers)?;
+    let key = idempotency_key(&headers, &caller(&request))?;
     begin(app, None, key, &headers, request).await
 }
 
@@ -65,18 +65,30 @@ async fn begin(
     let new: NewJob = params::read(&body).map_err(|fault| Problem::fields(Code::InvalidParams, vec![fault]))?;
     let params = params::from_json(&new.params.to_string());
     let params = params.map_err(|faults| Problem::fields(Code::InvalidParams, faults))?;
-    let (id_asked, key_asked) = (id.as_deref(), key.as_deref());
-    let asked = Asked { id: id_asked, key: key_asked, anew, scene: &new.scene, params: &params };
-    app.service.refuse_when_full(&asked)?;
-    let order = order(&app, &new.scene, params, new.priority).await?;
-    let webhook = new.webhook.map(|webhook| webhook.url);
+    let NewJob { scene, priority, webhook, .. } = new;
+    let webhook = webhook.map(|webhook| webhook.url);
     let patience = Patience::of(&app, headers);
     // A format that cannot be made is refused before the work, not after it.
-    let wanted = |_: &Patience| accept::picture_format(headers, order.params.output.format);
+    let wanted = |_: &Patience| accept::picture_format(headers, params.output.format);
     let format = patience.as_ref().map(wanted).transpose()?;
-    let quota = caller.renders_per_day;
-    let submission = Submission { id, key, anew, format, quota, webhook, ..Submission::new(order, caller.client) };
-    let job = app.service.submit(submission).await?;
+    let asked = Asked {
+        id: id.as_deref(),
+        key: key.as_deref(),
+        anew,
+        scene: &scene,
+        params: &params,
+        priority,
+        webhook: webhook.as_deref(),
+    };
+    let job = if let Some(job) = app.service.known(&asked).await? {
+        job
+    } else {
+        app.service.refuse_when_full(&asked)?;
+        let order = order(&app, &scene, params, priority).await?;
+        let quota = caller.renders_per_day;
+        let submission = Submission { id, key, anew, format, quota, webhook, ..Submission::new(order, caller.client) };
+        app.service.submit(submission).await?
+    };
     // It is accepted, whatever becomes of the ledger now.
     let _ = job.settled().await;
     let accepted = || accepted(&format!("/v1/jobs/{}", job.spec.id), app.service.describe(&job));
@@ -85,12 +97,17 @@ async fn begin(
     Ok(patience.note(if in_time { finished(&app, &job, headers).await? } else { accepted() }))
 }
 
-/// `Idempotency-Key`: any text of up to 255 visible characters.
-pub fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+/// `Idempotency-Key`, of 1 to 255 visible characters, behind the client's API key if it has one: what two of these call by the same
+/// name is not the same. As neither has spaces, no other client's is like it.
+pub fn idempotency_key(headers: &HeaderMap, caller: &Caller) -> Result<Option<String>, Problem> {
     let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
-    let key = value.to_str().ok().filter(|key| (1..=255).contains(&key.len()));
-    let fault = || Problem::new(Code::BadRequest, "`Idempotency-Key` must be 1 to 255 visible ASCII characters");
-    key.map(|key| Some(key.to_owned())).ok_or_else(fault)
+    let is_plain = |key: &&str| (1..=255).contains(&key.len()) && key.bytes().all(|byte| byte.is_ascii_graphic());
+    let fault = || {
+        let detail = "`Idempotency-Key` must be 1 to 255 visible ASCII characters, without spaces";
+        Problem::new(Code::BadRequest, detail)
+    };
+    let key = value.to_str().ok().filter(is_plain).ok_or_else(fault)?;
+    Ok(Some(if caller.has_key { format!("{} {key}", caller.client) } else { key.to_owned() }))
 }
 
 /// Whether the client wants no result that was made before (`Cache-Control: no-cache`).

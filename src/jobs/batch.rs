@@ -26,7 +26,7 @@ pub struct BatchSpec {
     pub number: i64,
     /// `batch-...`
     pub id: String,
-    /// The client's `Idempotency-Key`.
+    /// The client's `Idempotency-Key`, as of a job.
     pub key: Option<String>,
     /// When it was accepted: milliseconds since 1970.
     pub created: i64,
@@ -50,7 +50,7 @@ pub struct Batch {
 pub struct BatchSubmission {
     /// At least one.
     pub items: Vec<Item>,
-    /// `Idempotency-Key`: the same key again means the same batch.
+    /// `Idempotency-Key`, as of a job: the same key again means the same batch.
     pub key: Option<String>,
     /// Who asks.
     pub client: String,
@@ -128,29 +128,35 @@ pub fn describe_item(job: &Job) -> Value {
 impl Service {
     /// Accepts all jobs of a batch once the ledger has them, or none.
     pub async fn submit_batch(&self, submission: BatchSubmission) -> Result<Arc<Batch>, Problem> {
-        self.refuse_when_draining()?;
         let BatchSubmission { items, key, client, quota, anew } = submission;
+        let content = batch_content(&items);
+        // What was accepted before needs nothing that is checked now.
+        if let Some(batch) = self.core.table.known_batch(key.as_deref()) {
+            return as_it_stands(batch, &content).await;
+        }
+        self.refuse_when_draining()?;
         self.check_items(&items).await?;
-        let taken = self.core.usage.take(&client, items.len() as u64, quota)?;
+        let renders = items.len() as u64;
         let jobs: Vec<Spec> = items.into_iter().enumerate().map(|(n, item)| spec_of(item, n as u32, &client)).collect();
         let spec = BatchSpec {
             number: 0,
             id: String::new(),
             key,
             created: now(),
-            content: batch_content(&jobs),
+            content: content.clone(),
             client: client.clone(),
         };
-        let (ledger, content) = (&self.core.storage.ledger, spec.content.clone());
+        let ledger = &self.core.storage.ledger;
         let most = self.core.limits.batch_queue_length.max(self.core.limits.batch_items);
         let admission = self.core.table.admit_batch(spec, jobs, most, |spec, jobs| {
+            let taken = self.core.usage.take(&client, renders, quota)?;
             let made = jobs.into_iter().map(|spec| Job::create(spec, ledger.clone(), Arc::clone(&self.core.meters)));
             let (jobs, first): (Vec<_>, Vec<_>) = made.unzip();
             let rows = jobs.iter().map(|job| Arc::clone(&job.spec)).zip(first).collect();
-            (jobs, ledger.commit(super::ledger::Change::Batch(spec, rows)))
+            Ok((jobs, (ledger.commit(super::ledger::Change::Batch(spec, rows)), taken)))
         });
-        match admission {
-            Admission::New(batch, sent) => {
+        match admission? {
+            Admission::New(batch, (sent, taken)) => {
                 let taken_by_ledger = self.core.storage.accepted(sent).await;
                 self.accept_batch(&batch, taken_by_ledger)?;
                 taken.keep();
@@ -159,14 +165,7 @@ impl Service {
                 tokio::spawn(self.clone().feed(work, shares));
                 Ok(batch)
             }
-            Admission::SameKey(batch) if batch.spec.content == content => {
-                batch.settled().await?;
-                Ok(batch)
-            }
-            Admission::SameId(batch) | Admission::SameKey(batch) => {
-                let detail = format!("this Idempotency-Key began `{}`, which asks for something else", batch.spec.id);
-                Err(Problem::new(Code::IdempotencyMismatch, detail))
-            }
+            Admission::Known(batch) => as_it_stands(batch, &content).await,
             Admission::Full(waiting) => {
                 let detail =
                     format!("{waiting} jobs of batches wait, and {most} may (GET /v1/limits, batch_queue_length)");
@@ -267,6 +266,16 @@ impl Service {
     }
 }
 
+/// A batch that is there already, unless it is another one than is asked for.
+async fn as_it_stands(batch: Arc<Batch>, content: &str) -> Result<Arc<Batch>, Problem> {
+    if batch.spec.content != content {
+        let detail = format!("this Idempotency-Key began `{}`, which asks for something else", batch.spec.id);
+        return Err(Problem::new(Code::IdempotencyMismatch, detail));
+    }
+    batch.settled().await?;
+    Ok(batch)
+}
+
 /// Pointers and names of the images that parameters ask for.
 fn image_names(params: &RenderParams) -> Vec<(String, String)> {
     let environment = params.hdri_name().map(|name| ("/params/environment/hdri".to_owned(), name.to_owned()));
@@ -295,9 +304,7 @@ fn spec_of(item: Item, index: u32, client: &str) -> Spec {
 }
 
 /// Of everything that a manifest says.
-fn batch_content(jobs: &[Spec]) -> String {
-    let line = |job: &Spec| {
-        json!([job.place.as_ref().map(|place| &place.name), job.scene, job.params, job.priority, job.webhook])
-    };
-    content_id(jobs.iter().map(line).collect::<Value>().to_string().as_bytes())
+fn batch_content(items: &[Item]) -> String {
+    let line = |item: &Item| json!([item.name, item.scene, item.params, item.priority, item.webhook]);
+    content_id(items.iter().map(line).collect::<Value>().to_string().as_bytes())
 }

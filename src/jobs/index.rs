@@ -15,7 +15,7 @@ pub trait Numbered {
     /// The client's, or the server's.
     fn id(&self) -> &str;
 
-    /// The client's `Idempotency-Key`.
+    /// The client's `Idempotency-Key`, as it is kept.
     fn key(&self) -> Option<&str>;
 }
 

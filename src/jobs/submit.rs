@@ -19,7 +19,7 @@ pub struct Submission {
     pub order: Order,
     /// Id that the client has chosen; none: the server chooses.
     pub id: Option<String>,
-    /// `Idempotency-Key`: the same key again means the same job.
+    /// `Idempotency-Key`, as of [`Spec`]: the same key again means the same job.
     pub key: Option<String>,
     /// Who asks: clients share the device evenly.
     pub client: String,
@@ -65,16 +65,50 @@ pub struct Asked<'a> {
     pub scene: &'a str,
     /// Parameters.
     pub params: &'a RenderParams,
+    /// As of [`Order`].
+    pub priority: i32,
+    /// As of [`Submission`].
+    pub webhook: Option<&'a str>,
+}
+
+impl Asked<'_> {
+    /// A job that is there already, unless it is another one than is asked for.
+    fn for_it(&self, job: Arc<Job>) -> Result<Arc<Job>, Problem> {
+        let Spec { id, scene, params, priority, webhook, .. } = job.spec.as_ref();
+        if (scene.as_str(), params, *priority, webhook.as_deref())
+            == (self.scene, self.params, self.priority, self.webhook)
+        {
+            return Ok(job);
+        }
+        Err(if self.id.is_some() {
+            let detail = format!("the job `{id}` asks for something else: choose another id");
+            Problem::new(Code::JobConflict, detail)
+        } else {
+            let detail = format!("this Idempotency-Key began `{id}`, which asks for something else");
+            Problem::new(Code::IdempotencyMismatch, detail)
+        })
+    }
 }
 
 impl Service {
+    /// The job that was asked for before, by its id or idempotency key, as it stands. Neither its scene, nor a place in the queue, nor
+    /// a quota is needed for it.
+    ///
+    /// # Errors
+    /// It asks for something else, or is not in the ledger yet, which takes nothing at present.
+    pub async fn known(&self, asked: &Asked<'_>) -> Result<Option<Arc<Job>>, Problem> {
+        let Some(job) = self.core.table.known(asked.id, asked.key) else { return Ok(None) };
+        asked.for_it(job)?.settled().await?;
+        // It may have been withdrawn meanwhile.
+        Ok(self.core.table.known(asked.id, asked.key))
+    }
+
     /// Accepts a job once the ledger has it, or refuses it at once. A job that is there already is handed out again.
     pub async fn submit(&self, submission: Submission) -> Result<Arc<Job>, Problem> {
         self.refuse_when_draining()?;
         let Submission { order, id, key, client, attended, quota, anew, format, webhook } = submission;
         self.check(&order.params, order.priority)?;
         self.check_webhook(webhook.as_deref())?;
-        let taken = self.core.usage.take(&client, 1, quota)?;
         let image = order.hdri.as_ref().map(|image| image.id.clone());
         let spec = Spec {
             number: 0,
@@ -94,24 +128,23 @@ impl Service {
         let ledger = &self.core.storage.ledger;
         let shares = self.core.limits.result_cache && !anew && self.can_give(&spec, format);
         let admission = self.core.table.admit(spec.clone(), shares, |spec| {
+            let taken = self.core.usage.take(&client, 1, quota)?;
             let (job, change) = Job::new(spec, ledger.clone(), Arc::clone(&self.core.meters));
-            (job, ledger.commit(change))
+            Ok((job, (ledger.commit(change), taken)))
         });
-        match admission {
-            Admission::New(job, sent) => {
+        match admission? {
+            Admission::New(job, (sent, taken)) => {
                 self.accept(&job, sent, order, shares).await?;
                 taken.keep();
                 Ok(job)
             }
-            Admission::SameId(job) if job.spec.asks_the_same(&spec) => Ok(job),
-            Admission::SameKey(job) if job.spec.asks_the_same(&spec) => Ok(job),
-            Admission::SameId(job) => {
-                let detail = format!("the job `{}` asks for something else: choose another id", job.spec.id);
-                Err(Problem::new(Code::JobConflict, detail))
-            }
-            Admission::SameKey(job) => {
-                let detail = format!("this Idempotency-Key began `{}`, which asks for something else", job.spec.id);
-                Err(Problem::new(Code::IdempotencyMismatch, detail))
+            Admission::Known(job) => {
+                let Spec { id, key, scene, params, priority, webhook, .. } = &spec;
+                let id = Some(id.as_str()).filter(|id| !id.is_empty());
+                let (key, webhook) = (key.as_deref(), webhook.as_deref());
+                let job = Asked { id, key, anew, scene, params, priority: *priority, webhook }.for_it(job)?;
+                job.settled().await?;
+                Ok(job)
             }
             Admission::Full(_) => Err(self.queue_full()),
         }
@@ -121,18 +154,18 @@ impl Service {
     /// whoever asks too much costs as little as can be.
     ///
     /// # Errors
-    /// The queue is full, and no job of that id or key, nor a result of what is asked for, is at hand.
+    /// The queue is full, and no result of what is asked for is at hand.
     pub fn refuse_when_full(&self, asked: &Asked<'_>) -> Result<(), Problem> {
-        let &Asked { id, key, anew, scene, params } = asked;
+        let &Asked { anew, scene, params, .. } = asked;
         // The name of an environment is its id, unless it came as a file of the same form, which no result can have used.
         let shares = self.core.limits.result_cache && !anew;
         let content = shares.then(|| content(scene, params.hdri_name(), params));
-        if self.core.table.refuses(id, key, content.as_deref()) { Err(self.queue_full()) } else { Ok(()) }
+        if self.core.table.refuses(content.as_deref()) { Err(self.queue_full()) } else { Ok(()) }
     }
 
     /// Refuses what is new in every respect while the queue is full.
     pub(super) fn refuse_without_a_place(&self) -> Result<(), Problem> {
-        if self.core.table.refuses(None, None, None) { Err(self.queue_full()) } else { Ok(()) }
+        if self.core.table.refuses(None) { Err(self.queue_full()) } else { Ok(()) }
     }
 
     fn queue_full(&self) -> Problem {

@@ -3,6 +3,7 @@
 use super::batch::{Batch, BatchSpec};
 use super::index::{Index, Numbered};
 use super::job::{Job, Spec};
+use super::problem::Problem;
 use super::state::State;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -62,10 +63,8 @@ struct Rows {
 pub enum Admission<J, T> {
     /// It is a new one.
     New(Arc<J>, T),
-    /// One of that id is there.
-    SameId(Arc<J>),
-    /// One of that idempotency key is there.
-    SameKey(Arc<J>),
+    /// One of that id or idempotency key is there.
+    Known(Arc<J>),
     /// So many jobs are waiting, too many for this.
     Full(usize),
 }
@@ -87,56 +86,67 @@ impl Table {
     }
 
     /// Admits a job, unless one of that id or key is there. An empty id is replaced by one of the server's. `shares`: the
-    /// result of another job will do. `make` is called with the whole specification, and what it gives besides the job is
-    /// handed on.
-    pub fn admit<T>(&self, mut spec: Spec, shares: bool, make: impl FnOnce(Spec) -> (Job, T)) -> Admission<Job, T> {
+    /// result of another job will do. `make` is called with the whole specification; it may refuse, and what it gives besides
+    /// the job is handed on.
+    pub fn admit<T>(
+        &self,
+        mut spec: Spec,
+        shares: bool,
+        make: impl FnOnce(Spec) -> Result<(Job, T), Problem>,
+    ) -> Result<Admission<Job, T>, Problem> {
         let mut rows = self.rows();
-        if let Some(job) = rows.jobs.by_id(&spec.id) {
-            return Admission::SameId(Arc::clone(job));
-        }
-        if let Some(job) = rows.jobs.by_key(spec.key.as_deref()) {
-            return Admission::SameKey(Arc::clone(job));
+        if let Some(job) = rows.known(Some(&spec.id), spec.key.as_deref()) {
+            return Ok(Admission::Known(Arc::clone(job)));
         }
         let is_at_hand = shares && rows.results.contains_key(&spec.content);
         let waiting = rows.waiting().0;
         if !is_at_hand && waiting >= self.queue_length {
-            return Admission::Full(waiting);
+            return Ok(Admission::Full(waiting));
         }
         let (number, id) = rows.jobs.next();
         spec.number = number;
         if spec.id.is_empty() {
             spec.id = id;
         }
-        let (job, change) = make(spec);
+        let (job, change) = make(spec)?;
         let job = Arc::new(job);
         rows.insert(Arc::clone(&job));
-        Admission::New(job, change)
+        Ok(Admission::New(job, change))
     }
 
-    /// Whether [`Table::admit`] would say `Full`, whatever the job's scene is.
-    pub fn refuses(&self, id: Option<&str>, key: Option<&str>, content: Option<&str>) -> bool {
+    /// The job of an id or an idempotency key.
+    pub fn known(&self, id: Option<&str>, key: Option<&str>) -> Option<Arc<Job>> {
+        self.rows().known(id, key).cloned()
+    }
+
+    /// The batch of an idempotency key.
+    pub fn known_batch(&self, key: Option<&str>) -> Option<Arc<Batch>> {
+        self.rows().batches.by_key(key).cloned()
+    }
+
+    /// Whether [`Table::admit`] would say `Full` of a new job, whatever its scene is.
+    pub fn refuses(&self, content: Option<&str>) -> bool {
         let mut rows = self.rows();
-        let is_there = id.is_some_and(|id| rows.jobs.by_id(id).is_some())
-            || rows.jobs.by_key(key).is_some()
-            || content.is_some_and(|content| rows.results.contains_key(content));
-        !is_there && rows.waiting().0 >= self.queue_length
+        let is_at_hand = content.is_some_and(|content| rows.results.contains_key(content));
+        !is_at_hand && rows.waiting().0 >= self.queue_length
     }
 
-    /// Admits a batch with all its jobs, unless one of its key is there or more than `most` jobs of batches would wait.
+    /// Admits a batch with all its jobs, unless one of its key is there or more than `most` jobs of batches would wait. `make` may
+    /// refuse.
     pub fn admit_batch<T>(
         &self,
         mut spec: BatchSpec,
         mut jobs: Vec<Spec>,
         most: usize,
-        make: impl FnOnce(Arc<BatchSpec>, Vec<Spec>) -> (Vec<Job>, T),
-    ) -> Admission<Batch, T> {
+        make: impl FnOnce(Arc<BatchSpec>, Vec<Spec>) -> Result<(Vec<Job>, T), Problem>,
+    ) -> Result<Admission<Batch, T>, Problem> {
         let mut rows = self.rows();
         if let Some(batch) = rows.batches.by_key(spec.key.as_deref()) {
-            return Admission::SameKey(Arc::clone(batch));
+            return Ok(Admission::Known(Arc::clone(batch)));
         }
         let waiting = rows.waiting().1;
         if waiting + jobs.len() > most {
-            return Admission::Full(waiting);
+            return Ok(Admission::Full(waiting));
         }
         (spec.number, spec.id) = rows.batches.next();
         for job in &mut jobs {
@@ -146,11 +156,11 @@ impl Table {
             }
         }
         let spec = Arc::new(spec);
-        let (jobs, sent) = make(Arc::clone(&spec), jobs);
+        let (jobs, sent) = make(Arc::clone(&spec), jobs)?;
         let batch = Arc::new(Batch { spec, jobs: jobs.into_iter().map(Arc::new).collect() });
         batch.jobs.iter().for_each(|job| rows.insert(Arc::clone(job)));
         rows.batches.insert(Arc::clone(&batch));
-        Admission::New(batch, sent)
+        Ok(Admission::New(batch, sent))
     }
 
     /// Looks a job up.
@@ -240,6 +250,10 @@ impl Rows {
         }
         self.unfinished.insert(spec.number, Arc::clone(&job));
         self.jobs.insert(job);
+    }
+
+    fn known(&self, id: Option<&str>, key: Option<&str>) -> Option<&Arc<Job>> {
+        id.and_then(|id| self.jobs.by_id(id)).or_else(|| self.jobs.by_key(key))
     }
 
     /// Jobs that wait: those that were asked for one by one, and those of batches.

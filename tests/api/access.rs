@@ -1,13 +1,14 @@
 //! Keys, their rights, rates and quotas; hosts that the server answers for.
 
 use crate::engine;
-use crate::support::{Reply, Server, Setup, tiny, triangle};
+use crate::support::{Reply, Server, Setup, agent, endless, tiny, triangle};
 use candela::http::Access;
 use candela::http::keys::{KeyFile, Scope};
 use candela::http::router::routes;
 use serde_json::json;
+use std::io::Read;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 struct Guarded {
     server: Server,
@@ -146,6 +147,95 @@ fn a_key_has_a_quota_that_outlives_the_server() {
     let wait: u64 = refused.header("retry-after").expect("a time").parse().expect("seconds");
     assert!((1..=86_401).contains(&wait), "{wait}");
     assert_eq!(ask(&server, key, "GET", "/v1/jobs").status, 200, "looking is free");
+}
+
+/// Sends with a key and, if it is not empty, an `Idempotency-Key`.
+fn send(server: &Server, key: &str, again: &str, (method, path): (&str, &str), kind: &str, body: &[u8]) -> Reply {
+    let bearer = format!("Bearer {key}");
+    let mut headers = vec![("authorization", bearer.as_str()), ("content-type", kind)];
+    headers.extend((!again.is_empty()).then_some(("idempotency-key", again)));
+    server.send(method, path, &headers, body)
+}
+
+fn upload(server: &Server, key: &str) -> String {
+    let reply = send(server, key, "", ("POST", "/v1/scenes"), "model/gltf-binary", &triangle());
+    reply.json()["id"].as_str().expect("an id").to_owned()
+}
+
+#[test]
+fn asking_again_for_what_was_accepted_costs_no_quota() {
+    let (guarded, keys) = Guarded::start(&[("few", Scope::Render, None, Some(3))]);
+    let (server, key) = (&guarded.server, keys[0].as_str());
+    let scene = upload(server, key);
+    let job = json!({ "scene": scene, "params": tiny() }).to_string();
+    let line = format!("{}\n", json!({ "scene": scene, "params": tiny() }));
+    let ask = || {
+        [
+            send(server, key, "k", ("POST", "/v1/jobs"), "application/json", job.as_bytes()),
+            send(server, key, "", ("PUT", "/v1/jobs/mine"), "application/json", job.as_bytes()),
+            send(server, key, "k", ("POST", "/v1/batches"), "application/x-ndjson", line.as_bytes()),
+        ]
+    };
+    let first = ask();
+    assert_eq!(first.each_ref().map(|reply| reply.status), [202; 3], "{first:?}");
+    // The quota is used up, and by nothing else than these.
+    render(server, key).problem(429, "quota_exceeded");
+    for (first, again) in first.iter().zip(ask()) {
+        assert_eq!((again.status, &again.json()["id"]), (202, &first.json()["id"]), "{again:?}");
+    }
+}
+
+#[test]
+fn an_idempotency_key_is_that_of_one_api_key() {
+    let (guarded, keys) = Guarded::start(&[("a", Scope::Render, None, None), ("b", Scope::Render, None, None)]);
+    let (server, scene) = (&guarded.server, upload(&guarded.server, &keys[0]));
+    let job = |seed| json!({ "scene": scene, "params": { "width": 8, "height": 8, "max_samples": 2, "seed": seed } });
+    let post = |server: &Server, key: &str, seed: u32| {
+        send(server, key, "x", ("POST", "/v1/jobs"), "application/json", job(seed).to_string().as_bytes())
+    };
+    let [first, same, other] = [(0, 1), (1, 1), (0, 2)].map(|(key, seed)| post(server, &keys[key], seed));
+    assert_eq!((first.status, same.status), (202, 202), "{same:?}");
+    assert_ne!(first.json()["id"], same.json()["id"], "a job of its own");
+    other.problem(422, "idempotency_mismatch");
+    let Guarded { server, folder, .. } = guarded;
+    drop(server);
+    let server = serve(folder.path());
+    for (key, before) in keys.iter().zip([first, same]) {
+        assert_eq!(post(&server, key, 1).json()["id"], before.json()["id"], "after a restart, too");
+    }
+}
+
+#[test]
+fn what_is_under_way_for_a_revoked_key_ends() {
+    let (mut guarded, keys) = Guarded::start(&[("old", Scope::Render, None, None)]);
+    let (scene, key) = (upload(&guarded.server, &keys[0]), keys[0].as_str());
+    let body = json!({ "scene": scene, "params": endless() }).to_string();
+    let job = send(&guarded.server, key, "", ("POST", "/v1/jobs"), "application/json", body.as_bytes()).json();
+    let events = guarded.server.url(job["links"]["events"].as_str().expect("a link"));
+    let stream = agent().get(events).header("authorization", format!("Bearer {key}")).call().expect("a stream");
+    let begun = Instant::now();
+    std::thread::scope(|scope| {
+        let server = &guarded.server;
+        // One hears, one waits for its picture.
+        let heard = scope.spawn(|| {
+            let mut text = Vec::new();
+            let whole = stream.into_body().into_reader().read_to_end(&mut text);
+            (whole.is_ok(), text.len())
+        });
+        let waited = scope.spawn(|| {
+            let headers =
+                [("authorization", format!("Bearer {key}")), ("content-type", "model/gltf-binary".to_owned())];
+            let headers = headers.each_ref().map(|(name, value)| (*name, value.as_str()));
+            server.send("POST", "/v1/render?width=64&height=64&max_samples=4000000", &headers, &triangle())
+        });
+        std::thread::sleep(Duration::from_millis(300));
+        guarded.file.revoke("old").unwrap();
+        guarded.file.write(&guarded.folder.path().join("keys.json")).unwrap();
+        let (whole, bytes) = heard.join().expect("a listener");
+        assert!(!whole && bytes > 0, "nobody takes a part for the whole: {bytes} bytes");
+        waited.join().expect("a client").problem(401, "unauthorized");
+    });
+    assert!(begun.elapsed() < Duration::from_secs(6), "{:?}", begun.elapsed());
 }
 
 #[test]

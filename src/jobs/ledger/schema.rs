@@ -9,6 +9,7 @@ const MIGRATIONS: &[&str] = &[
     include_str!("migrations/0001_jobs.sql"),
     include_str!("migrations/0002_batches.sql"),
     include_str!("migrations/0003_pictures.sql"),
+    include_str!("migrations/0004_idempotency.sql"),
 ];
 
 /// Opens a file, or memory.
@@ -76,15 +77,16 @@ mod tests {
         migrate(&connection, &MIGRATIONS[..2]).unwrap();
         let old = "INSERT INTO blobs VALUES ('f', 1), ('p', 2);
              INSERT INTO jobs (number, id, created, ended, state, scene, params, priority, client, attended, content, last_event, record,
-                               file, picture)
-             VALUES (3, 'job-3', 1, 2, 'succeeded', 's', '{}', 0, 'c', 0, 'x', 2, '{}', 'f', 'p'),
-                    (7, 'job-7', 1, 2, 'succeeded', 's', '{}', 0, 'c', 0, 'x', 2, '{}', 'f', 'p');
+                               file, picture, idempotency_key)
+             VALUES (3, 'job-3', 1, 2, 'succeeded', 's', '{}', 0, 'key:c', 0, 'x', 2, '{}', 'f', 'p', 'k'),
+                    (7, 'job-7', 1, 2, 'succeeded', 's', '{}', 0, 'key:c', 0, 'x', 2, '{}', 'f', 'p', NULL);
              INSERT INTO events VALUES (3, 1, 'queued', '{}');
              DELETE FROM jobs WHERE number = 7;";
         connection.execute_batch(old).unwrap();
         prepare(&connection).unwrap();
         let text = |sql: &str| connection.query_row(sql, [], |row| row.get::<_, String>(0)).unwrap();
         assert_eq!(text("SELECT id || file || picture FROM jobs"), "job-3fp");
+        assert_eq!(text("SELECT idempotency_key FROM jobs"), "key:c k", "of one API key");
         assert_eq!(text("SELECT kind FROM events WHERE job = 3"), "queued");
         assert_eq!(text("SELECT CAST(seq AS TEXT) FROM sqlite_sequence WHERE name = 'jobs'"), "7", "given out once");
         connection.execute("UPDATE jobs SET picture = NULL", []).unwrap();
