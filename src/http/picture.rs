@@ -31,7 +31,8 @@ fn headers(job: &Job, file: &Encoded) -> HeaderMap {
     }
     set(&mut headers, HeaderName::from_static("candela-job"), &job.spec.id);
     set(&mut headers, header::ETAG, &file.etag);
-    set(&mut headers, header::CACHE_CONTROL, "private, max-age=31536000, immutable");
+    // An id of the client's may come to mean another picture: a cache has to ask whether the tag still holds.
+    set(&mut headers, header::CACHE_CONTROL, "private, no-cache");
     set(&mut headers, header::VARY, "Accept");
     headers
 }

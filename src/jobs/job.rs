@@ -51,7 +51,7 @@ pub struct Spec {
     pub number: i64,
     /// The client's, or `job-...`.
     pub id: String,
-    /// The client's `Idempotency-Key`.
+    /// The client's `Idempotency-Key`; if it has an API key, behind that one's name and a space.
     pub key: Option<String>,
     /// When it was accepted: milliseconds since 1970.
     pub created: i64,
@@ -73,14 +73,6 @@ pub struct Spec {
     pub place: Option<Place>,
     /// Address that is told of its end.
     pub webhook: Option<String>,
-}
-
-impl Spec {
-    /// Whether this is what the other asks for, so that one job will do.
-    pub fn asks_the_same(&self, other: &Self) -> bool {
-        (&self.scene, &self.image, &self.params, self.priority, &self.webhook)
-            == (&other.scene, &other.image, &other.params, other.priority, &other.webhook)
-    }
 }
 
 /// An event on its way to the ledger. If it never gets there, nobody is to wait for it.
@@ -125,6 +117,8 @@ struct Live {
     state: State,
     progress: Progress,
     preview: Option<Preview>,
+    /// Number of the newest preview that there ever was.
+    previews: u64,
     preview_wanted: bool,
     outcome: Option<Arc<Outcome>>,
     problem: Option<Problem>,
@@ -138,6 +132,7 @@ impl Live {
             state,
             progress: Progress::default(),
             preview: None,
+            previews: 0,
             preview_wanted: false,
             outcome: None,
             problem: None,
@@ -174,9 +169,10 @@ impl Job {
     /// A job of the ledger.
     pub fn restored(restored: Restored, ledger: Ledger, meters: Arc<Meters>) -> Self {
         let Restored { spec, state, outcome, problem, mut events, last_event, film: _ } = restored;
-        // The pictures of an unfinished render were those of the process before.
-        events.retain(|event| event.kind != EventKind::Preview);
         let mut live = if state.is_over() { Live::new(state) } else { Live::at_work(state, &spec) };
+        // The pictures of an unfinished render were those of the process before.
+        let previews = events.extract_if(.., |event| event.kind == EventKind::Preview);
+        live.previews = previews.filter_map(|event| event.data["n"].as_u64()).max().unwrap_or_default();
         let progress = events.iter().rev().find(|event| event.kind == EventKind::Progress);
         live.progress = match &outcome {
             Some(outcome) => Progress::of(outcome),
@@ -270,7 +266,7 @@ impl Job {
         let samples = live.outcome.as_ref().map_or(live.progress.samples, |outcome| outcome.record.samples);
         let code = live.problem.as_ref().map_or("", |problem| problem.code.as_ref());
         let (state, ms) = (live.state.name(), self.accepted.elapsed().as_millis() as u64);
-        tracing::info!(job = %id, %client, %scene, width, height, samples, state, code, ms, "job over");
+        tracing::info!(parent: &live.span, job = %id, %client, %scene, width, height, samples, state, code, ms, "job over");
         live.span.record("state", state).record("code", code);
     }
 
@@ -294,7 +290,8 @@ impl Job {
     pub fn show(&self, file: Encoded, samples: u32) {
         let mut live = self.live();
         if live.state == State::Running {
-            let number = live.preview.as_ref().map_or(1, |preview| preview.number + 1);
+            live.previews += 1;
+            let number = live.previews;
             let url = format!("/v1/jobs/{}/preview?n={number}", self.spec.id);
             live.preview = Some(Preview { number, file });
             live.preview_wanted = false;

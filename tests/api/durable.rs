@@ -1,7 +1,7 @@
 //! What outlives a request, and a server: data folders, ids of clients, results that serve again.
 
 use crate::engine;
-use crate::events::listen;
+use crate::events::{Heard, listen};
 use crate::support::{Reply, Server, endless, tiny, triangle};
 use candela::config::Limits;
 use serde_json::{Value, json};
@@ -70,13 +70,18 @@ fn a_restart_loses_nothing() {
 #[test]
 fn a_render_goes_on_from_its_saved_film() {
     let folder = tempfile::tempdir().unwrap();
-    let id = {
+    let (id, before, shown) = {
         let server = keeping(folder.path());
         let id = server.begin(&server.upload(), &endless());
-        listen(&server, &id, None, |heard| heard.iter().any(|e| e.data["samples"].as_u64() > Some(100)));
-        id
+        let far = |heard: &[Heard]| heard.iter().any(|e| e.data["samples"].as_u64() > Some(100));
+        let heard = listen(&server, &id, None, |heard| far(heard) && heard.iter().any(|e| e.kind == "preview"));
+        let preview = heard.iter().rev().find(|e| e.kind == "preview").expect("a preview");
+        (id, preview.data["n"].as_u64(), heard.last().expect("events").id)
     };
     let server = keeping(folder.path());
+    // Numbers of previews go on, so that their addresses are new.
+    let number = |heard: &[Heard]| heard.iter().rev().find(|e| e.kind == "preview").and_then(|e| e.data["n"].as_u64());
+    assert!(number(&listen(&server, &id, Some(shown), |heard| number(heard).is_some())) > before);
     let heard = listen(&server, &id, None, |heard| heard.iter().any(|e| e.kind == "started" && e.id > 4));
     let started = heard.last().expect("events").id;
     let heard = listen(&server, &id, Some(started), |heard| heard.iter().any(|e| e.kind == "progress"));
@@ -125,7 +130,9 @@ fn the_same_key_is_the_same_job() {
     assert_eq!(first.json()["id"], again.json()["id"]);
     assert_ne!(post(&server, "b", &body(1)).json()["id"], first.json()["id"]);
     post(&server, "a", &body(2)).problem(422, "idempotency_mismatch");
-    post(&server, &"k".repeat(256), &body(1)).problem(400, "bad_request");
+    for odd in [&"k".repeat(256), "a b", "a\tb", "\u{e4}"] {
+        post(&server, odd, &body(1)).problem(400, "bad_request");
+    }
     post(&server, &"k".repeat(255), &body(1)).json()["id"].as_str().expect("an id");
 }
 
@@ -145,6 +152,45 @@ fn a_client_may_choose_the_id() {
         put(&server, bad, &body).problem(422, "invalid_params");
     }
     assert_eq!(put(&server, &"x".repeat(64), &body).status, 202);
+}
+
+#[test]
+fn asking_again_needs_no_scene() {
+    let server = Server::start();
+    let scene = server.upload();
+    let body = json!({ "scene": scene, "params": tiny(), "priority": 3 });
+    let batch = || {
+        let headers = [("content-type", "application/x-ndjson"), ("idempotency-key", "k")];
+        server.send("POST", "/v1/batches", &headers, format!("{body}\n").as_bytes())
+    };
+    let ask = || [put(&server, "mine", &body), post(&server, "k", &body), batch()];
+    let first = ask();
+    assert_eq!(server.delete(&format!("/v1/scenes/{scene}")).status, 204);
+    for (first, again) in first.iter().zip(ask()) {
+        assert_eq!((again.status, &again.json()["id"]), (202, &first.json()["id"]), "{again:?}");
+    }
+    let other = json!({ "scene": scene, "params": tiny(), "priority": 4 });
+    put(&server, "mine", &other).problem(409, "job_conflict");
+    post(&server, "k", &other).problem(422, "idempotency_mismatch");
+    put(&server, "other", &body).problem(404, "scene_not_found");
+}
+
+#[test]
+fn an_id_that_serves_again_is_not_read_from_a_cache() {
+    let server = Server::start();
+    let scene = server.upload();
+    let picture = |seed: u32| {
+        let params = json!({ "width": 16, "height": 8, "max_samples": 4, "seed": seed });
+        assert_eq!(put(&server, "shot", &json!({ "scene": scene, "params": params })).status, 202);
+        server.wait_for("shot", &["succeeded"]);
+        ["result", "preview?n=1"].map(|part| server.get(&format!("/v1/jobs/shot/{part}")))
+    };
+    let first = picture(1);
+    assert_eq!(server.delete("/v1/jobs/shot").status, 204);
+    for (first, second) in first.iter().zip(picture(2)) {
+        assert_ne!(first.header("etag"), second.header("etag"));
+        assert_eq!(first.header("cache-control"), Some("private, no-cache"), "whoever has it asks whether it holds");
+    }
 }
 
 #[test]
