@@ -43,23 +43,19 @@ enum What {
 
 /// Changes the file, or shows it.
 pub fn run(arguments: &KeyArgs) -> Result<(), Failure> {
-    let file = KeyFile::read_or_new(&arguments.keys).map_err(|error| failure(&error))?;
+    let keys = &arguments.keys;
     let text = match &arguments.what {
         What::Add { name, scope, requests_per_minute, renders_per_day } => {
-            let mut file = file;
-            let key =
-                file.add(name, *scope, *requests_per_minute, *renders_per_day).map_err(|error| failure(&error))?;
-            file.write(&arguments.keys).map_err(|error| failure(&error))?;
-            format!("{key}\n")
+            let key = KeyFile::change(keys, |file| file.add(name, *scope, *requests_per_minute, *renders_per_day));
+            key.map(|key| format!("{key}\n"))
         }
-        What::List => list(&file),
+        What::List => KeyFile::read(keys).map(|file| list(&file)),
+        // A file that is not there has no such key, and is not made for that.
         What::Revoke { name } => {
-            let mut file = file;
-            file.revoke(name).map_err(|error| failure(&error))?;
-            file.write(&arguments.keys).map_err(|error| failure(&error))?;
-            String::new()
+            KeyFile::read(keys).and_then(|_| KeyFile::change(keys, |file| file.revoke(name))).map(|()| String::new())
         }
     };
+    let text = text.map_err(|error| failure(&error))?;
     let written = std::io::stdout().write_all(text.as_bytes());
     written.map_err(|error| Failure::Machine(format!("standard output: {error}")))
 }
@@ -77,6 +73,9 @@ fn list(file: &KeyFile) -> String {
 
 fn failure(error: &KeyError) -> Failure {
     match error {
+        KeyError::File(path, error) if error.kind() == std::io::ErrorKind::NotFound => {
+            Failure::Request(format!("--keys {}: {error}", path.display()))
+        }
         KeyError::File(..) => Failure::Machine(error.to_string()),
         KeyError::Content(..) | KeyError::Request(_) => Failure::Request(error.to_string()),
     }

@@ -2,12 +2,11 @@
 
 use anyhow::Context;
 use bytes::Bytes;
+use opentelemetry::KeyValue;
 use opentelemetry::trace::TracerProvider;
-use opentelemetry::{KeyValue, global};
 use opentelemetry_http::{HttpClient, HttpError, Request, Response};
 use opentelemetry_otlp::{Protocol, SpanExporter, WithExportConfig, WithHttpConfig};
 use opentelemetry_sdk::Resource;
-use opentelemetry_sdk::propagation::TraceContextPropagator;
 use opentelemetry_sdk::trace::SdkTracerProvider;
 use std::pin::Pin;
 use std::time::Duration;
@@ -36,7 +35,6 @@ impl Traces {
             .with_context(|| format!("--otlp-endpoint {endpoint}"))?;
         let version = KeyValue::new("service.version", env!("CARGO_PKG_VERSION"));
         let resource = Resource::builder().with_service_name("candela").with_attribute(version).build();
-        global::set_text_map_propagator(TraceContextPropagator::new());
         Ok(Self(SdkTracerProvider::builder().with_batch_exporter(exporter).with_resource(resource).build()))
     }
 

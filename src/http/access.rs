@@ -1,8 +1,9 @@
 //! Who may do what: keys, their rights and their rates. Without a file of keys everybody may do everything.
 
 use super::keys::{Key, KeyError, KeyFile, Scope, hash};
-use super::{Caller, caller};
+use super::{Caller, Client, revoked};
 use crate::jobs::{Code, Problem};
+use axum::Extension;
 use axum::extract::Request;
 use axum::http::{HeaderMap, header};
 use axum::middleware::Next;
@@ -39,6 +40,25 @@ struct Ring {
     looked: Instant,
 }
 
+/// A key that may do what it asks for.
+struct Admitted {
+    caller: Caller,
+    /// Of the key.
+    hash: String,
+}
+
+/// Why a request is refused, and to whom, if that is known.
+struct Refusal {
+    problem: Problem,
+    client: Option<Client>,
+}
+
+impl From<Problem> for Refusal {
+    fn from(problem: Problem) -> Self {
+        Self { problem, client: None }
+    }
+}
+
 /// A key and how much it may ask for at present.
 #[derive(Debug, Clone)]
 struct Held {
@@ -66,40 +86,63 @@ impl Access {
         self.ring.is_some()
     }
 
-    /// Who asks, if that key may do what `scope` says now.
-    fn admit(&self, headers: &HeaderMap, scope: Scope) -> Result<Option<Caller>, Problem> {
+    /// Who asks, if that key may do what `scope` says now; none: no key is asked for.
+    fn admit(&self, headers: &HeaderMap, scope: Scope) -> Result<Option<Admitted>, Refusal> {
         let Some(ring) = &self.ring else { return Ok(None) };
         let given = given(headers).ok_or_else(|| unauthorized("send a key: `Authorization: Bearer candela_...`"))?;
+        let hash = hash(&given);
         let mut ring = lock(ring);
         ring.look_again();
-        let held =
-            ring.keys.get_mut(&hash(&given)).ok_or_else(|| unauthorized("this key is not known, or was revoked"))?;
-        held.take()?;
-        let key = &held.key;
-        if key.scope < scope {
-            let name = |scope: Scope| serde_json::json!(scope).as_str().unwrap_or_default().to_owned();
-            let detail =
-                format!("the key `{}` has the scope `{}`; this needs `{}`", key.name, name(key.scope), name(scope));
-            return Err(Problem::new(Code::Forbidden, detail));
+        let held = ring.keys.get_mut(&hash).ok_or_else(|| unauthorized("this key is not known, or was revoked"))?;
+        let client = format!("key:{}", held.key.name);
+        match held.take().and_then(|()| held.key.allows(scope)) {
+            Ok(()) => {
+                let caller = Caller { client, has_key: true, renders_per_day: held.key.renders_per_day };
+                Ok(Some(Admitted { caller, hash }))
+            }
+            Err(problem) => Err(Refusal { problem, client: Some(Client(client)) }),
         }
-        Ok(Some(Caller { client: format!("key:{}", key.name), renders_per_day: key.renders_per_day }))
+    }
+
+    /// Waits until a key may not do any more what `scope` says.
+    async fn revoked(self, hash: String, scope: Scope) {
+        let Some(ring) = &self.ring else { return std::future::pending().await };
+        loop {
+            tokio::time::sleep(LOOK_AGAIN).await;
+            let mut ring = lock(ring);
+            ring.look_again();
+            if ring.keys.get(&hash).is_none_or(|held| held.key.allows(scope).is_err()) {
+                return;
+            }
+        }
     }
 }
 
-/// Middleware of the routes that need a scope.
+/// Middleware of the routes that need a scope. What is under way for a key ends when it is revoked.
 pub async fn check(access: Access, scope: Scope, mut request: Request, next: Next) -> Response {
-    match access.admit(request.headers(), scope) {
-        Ok(known) => {
-            let caller = known.unwrap_or_else(|| caller(&request));
+    let (response, client) = match access.admit(request.headers(), scope) {
+        Ok(None) => return next.run(request).await,
+        Ok(Some(Admitted { caller, hash })) => {
+            let client = Some(Client(caller.client.clone()));
             request.extensions_mut().insert(caller);
-            next.run(request).await
+            let answered = revoked::unless(access.revoked(hash, scope), next.run(request)).await;
+            let late = || refuse(unauthorized("this key was revoked while the request was under way"));
+            (answered.unwrap_or_else(late), client)
         }
-        Err(problem) if problem.status == 401 => {
-            let challenges = CHALLENGES.map(|challenge| (header::WWW_AUTHENTICATE, challenge));
-            (AppendHeaders(challenges), problem).into_response()
-        }
-        Err(problem) => problem.into_response(),
+        Err(Refusal { problem, client }) => (refuse(problem), client),
+    };
+    match client {
+        Some(client) => (Extension(client), response).into_response(),
+        None => response,
     }
+}
+
+fn refuse(problem: Problem) -> Response {
+    if problem.status != 401 {
+        return problem.into_response();
+    }
+    let challenges = CHALLENGES.map(|challenge| (header::WWW_AUTHENTICATE, challenge));
+    (AppendHeaders(challenges), problem).into_response()
 }
 
 fn unauthorized(detail: &str) -> Problem {

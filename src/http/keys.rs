@@ -1,5 +1,6 @@
 //! API keys: a file of names, hashes and rights. The keys themselves are shown once, when they are made, and kept nowhere.
 
+use crate::jobs::{Code, Problem};
 use base64::Engine;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use clap::ValueEnum;
@@ -45,6 +46,22 @@ pub struct Key {
     /// Renders a day (UTC); none: no bound.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub renders_per_day: Option<u64>,
+}
+
+impl Key {
+    /// Whether it may do what a scope says.
+    ///
+    /// # Errors
+    /// Its own scope is less.
+    pub fn allows(&self, scope: Scope) -> Result<(), Problem> {
+        if self.scope >= scope {
+            return Ok(());
+        }
+        let name = |scope: Scope| serde_json::json!(scope).as_str().unwrap_or_default().to_owned();
+        let (own, needed) = (name(self.scope), name(scope));
+        let detail = format!("the key `{}` has the scope `{own}`; this needs `{needed}`", self.name);
+        Err(Problem::new(Code::Forbidden, detail))
+    }
 }
 
 /// The file.
@@ -101,6 +118,21 @@ impl KeyFile {
         }
     }
 
+    /// Changes a file, or makes it, while no other process does.
+    ///
+    /// # Errors
+    /// It cannot be read, changed or written.
+    pub fn change<T>(path: &Path, change: impl FnOnce(&mut Self) -> Result<T, KeyError>) -> Result<T, KeyError> {
+        let place = beside(path, ".lock");
+        let lock = std::fs::OpenOptions::new().write(true).create(true).truncate(false).open(&place);
+        // Held until it is closed. The file itself is another one after each change.
+        let _lock = lock.and_then(|lock| lock.lock().map(|()| lock)).map_err(|error| KeyError::File(place, error))?;
+        let mut file = Self::read_or_new(path)?;
+        let done = change(&mut file)?;
+        file.write(path)?;
+        Ok(done)
+    }
+
     /// Writes the file, whole or not at all, for its owner alone.
     ///
     /// # Errors
@@ -108,7 +140,7 @@ impl KeyFile {
     pub fn write(&self, path: &Path) -> Result<(), KeyError> {
         let fault = |error| KeyError::File(path.to_owned(), error);
         let text = serde_json::to_string_pretty(self).map_err(|error| fault(error.into()))?;
-        let draft = path.with_extension("new");
+        let draft = beside(path, ".new");
         let mut options = std::fs::OpenOptions::new();
         options.write(true).create(true).truncate(true);
         #[cfg(unix)]
@@ -157,6 +189,13 @@ impl KeyFile {
         self.keys.retain(|key| key.name != name);
         if self.keys.len() < count { Ok(()) } else { Err(KeyError::Request(format!("there is no key `{name}`"))) }
     }
+}
+
+/// A file with a longer name in the same folder.
+fn beside(path: &Path, ending: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(ending);
+    name.into()
 }
 
 #[cfg(test)]

@@ -20,6 +20,7 @@ mod prefer;
 mod problem;
 mod query;
 mod render;
+mod revoked;
 pub mod router;
 mod scenes;
 mod span;
@@ -52,15 +53,21 @@ struct Peer(IpAddr);
 /// Who asks.
 #[derive(Debug, Clone)]
 struct Caller {
-    /// For sharing the device: the name of the key, else the address at the other end of the connection.
+    /// For sharing the device, and for the log: the name of the key, else the address at the other end of the connection.
     client: String,
+    /// Whether that is a key.
+    has_key: bool,
     /// Quota of the key.
     renders_per_day: Option<u64>,
 }
 
+/// Who has asked, as a reply carries it to the log.
+#[derive(Debug, Clone)]
+struct Client(String);
+
 fn caller(request: &Request) -> Caller {
     request.extensions().get::<Caller>().cloned().unwrap_or_else(|| {
         let peer = request.extensions().get::<Peer>().copied().unwrap_or(Peer(Ipv4Addr::LOCALHOST.into()));
-        Caller { client: peer.0.to_canonical().to_string(), renders_per_day: None }
+        Caller { client: peer.0.to_canonical().to_string(), has_key: false, renders_per_day: None }
     })
 }

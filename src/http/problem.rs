@@ -1,7 +1,7 @@
 //! Every reply leaves through here: faults become problem+json, and all get a request id and security headers.
 
 use super::metrics::Traffic;
-use super::span;
+use super::{Client, caller, span};
 use crate::jobs::{Code, Problem};
 use axum::body::Body;
 use axum::extract::{Request, State};
@@ -43,12 +43,14 @@ impl IntoResponse for Problem {
 pub async fn dress(State(traffic): State<Traffic>, request: Request, next: Next) -> Response {
     let id = request_id(request.headers());
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
-    let begun = std::time::Instant::now();
-    let span = span::of(&request, &id);
+    let (begun, address) = (std::time::Instant::now(), caller(&request).client);
+    let (span, trace_id) = span::of(&request, &id);
     let mut response = next.run(request).instrument(span.clone()).await;
     span::answered(&span, response.status());
-    if let Some(problem) = problem_of(&response) {
-        response = write(&problem, &id, response);
+    let client = response.extensions().get::<Client>().map_or(address, |client| client.0.clone());
+    let problem = problem_of(&response);
+    if let Some(problem) = &problem {
+        response = write(problem, &id, response);
     }
     let headers = response.headers_mut();
     for (name, value) in SECURITY {
@@ -59,7 +61,8 @@ pub async fn dress(State(traffic): State<Traffic>, request: Request, next: Next)
     }
     let (status, took) = (response.status().as_u16(), begun.elapsed());
     traffic.answered(method.as_str(), status, took);
-    tracing::info!(%method, path, status, request_id = id, ms = took.as_millis() as u64, "request");
+    let (code, ms) = (problem.as_ref().map(|problem| problem.code.as_ref()), took.as_millis() as u64);
+    tracing::info!(%method, path, status, code, client, request_id = id, trace_id, ms, "request");
     response
 }
 

@@ -16,6 +16,7 @@ mod faults;
 mod forget;
 mod hostile;
 mod jobs;
+mod log;
 mod motion;
 mod pages;
 mod preview;
