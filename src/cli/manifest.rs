@@ -23,6 +23,9 @@ pub fn run(arguments: &RenderArgs, manifest: &Path) -> Result<(), Failure> {
             .map_err(|error| Failure::Machine(format!("cannot make {}: {error}", folder.display())))?;
     }
     let items = items(manifest)?;
+    if arguments.output.is_none() {
+        refuse_to_replace(&items)?;
+    }
     let mut tally = Tally::new(items.len(), &folder, arguments.quiet);
     match &arguments.server {
         Some(server) => {
@@ -44,6 +47,20 @@ pub fn run(arguments: &RenderArgs, manifest: &Path) -> Result<(), Failure> {
         }
     }
     tally.finish()
+}
+
+/// A file that the user did not name is not replaced, which is found out before the work.
+fn refuse_to_replace(items: &[Item]) -> Result<(), Failure> {
+    match items.iter().map(file_name).find(|name| Path::new(name).exists()) {
+        None => Ok(()),
+        Some(name) => Err(Failure::Request(format!(
+            "{name} is there already: write `-o .` to replace what has the names of the manifest's pictures, or `-o FOLDER`"
+        ))),
+    }
+}
+
+fn file_name(item: &Item) -> String {
+    format!("{}.{}", item.name, item.params.output.format.extension())
 }
 
 fn local(
@@ -105,7 +122,7 @@ impl<'a> Tally<'a> {
 
     /// Writes a picture, or says why there is none. Fails only if it cannot be written.
     fn note(&mut self, item: &Item, result: Result<Vec<u8>, Failure>) -> Result<(), Failure> {
-        let path = self.folder.join(format!("{}.{}", item.name, item.params.output.format.extension()));
+        let path = self.folder.join(file_name(item));
         let line = match result {
             Ok(bytes) => {
                 write(&Target::File(path.clone()), &bytes)?;

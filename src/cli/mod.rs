@@ -11,6 +11,7 @@ mod remote;
 mod render;
 mod request;
 mod serve;
+mod stop;
 mod summary;
 mod traces;
 

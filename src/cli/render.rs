@@ -36,7 +36,7 @@ pub struct RenderArgs {
     #[arg(short, long, value_name = "NAME=VALUE")]
     pub set: Vec<String>,
     /// Picture to write (.png, .exr, .webp, .jpg), or - for standard output; by default named after the scene, unless a file of that
-    /// name is there. Of a manifest the folder of its pictures.
+    /// name is there. Of a manifest the folder of its pictures, by default this one, where none is replaced.
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// What is known of each pixel besides, as .exr: `standard_error=FILE.exr`, `samples=FILE.exr`; with `denoise`

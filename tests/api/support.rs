@@ -31,6 +31,8 @@ pub struct Setup {
     pub access: Access,
     pub webhooks: Option<Webhooks>,
     pub denoiser: Option<Denoiser>,
+    /// Where it listens; none: on a free port.
+    pub address: Option<SocketAddr>,
 }
 
 impl Server {
@@ -51,13 +53,14 @@ impl Server {
 
     /// With whatever a server may have.
     pub fn set_up(setup: Setup, factory: EngineFactory) -> Self {
-        let Setup { folder, limits, patience, access, webhooks, denoiser } = setup;
+        let Setup { folder, limits, patience, access, webhooks, denoiser, address } = setup;
+        let address = address.unwrap_or_else(|| SocketAddr::from(([127, 0, 0, 1], 0)));
         let (stop, stopped) = oneshot::channel();
         let (tell, told) = std::sync::mpsc::channel();
         let thread = std::thread::spawn(move || {
             let runtime = tokio::runtime::Runtime::new().expect("a runtime");
             runtime.block_on(async move {
-                let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a free port");
+                let listener = tokio::net::TcpListener::bind(address).await.expect("a free port");
                 let service = Service::start_in(folder.as_deref(), limits, factory).await.expect("an engine");
                 if let Some(webhooks) = webhooks {
                     service.tell_webhooks(webhooks);
