@@ -2,21 +2,44 @@
 
 use crate::denoise::Bounds;
 use crate::params::ParamLimits;
+use crate::params::nearest;
 use crate::scene;
-use clap::{ArgAction, Args, ValueEnum};
+use clap::{ArgAction, Args, ValueEnum, value_parser};
 use serde::Serialize;
 use serde_json::Value;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Writes the table of limits once: field, default and environment variable.
+/// Longest time that can be set, in seconds: about thirty years, which clocks can count.
+const LONGEST: u64 = 1_000_000_000;
+
+/// Variables that the program and its tests read besides the settings of `serve`.
+const NO_SETTINGS: [&str; 10] = [
+    "CANDELA_KEY",
+    "CANDELA_FUZZ",
+    "CANDELA_FUZZ_SEED",
+    "CANDELA_SCENES",
+    "CANDELA_KILLS",
+    "CANDELA_KILL_SEED",
+    "CANDELA_OVERLOAD_SECONDS",
+    "CANDELA_STREAMS",
+    "CANDELA_CANCELS",
+    "CANDELA_LONG",
+];
+
+/// Writes the table of limits once: field, default, environment variable and, of times, the range.
 macro_rules! limits {
-    ($($(#[doc = $doc:literal])+ $name:ident: $kind:ty = $default:expr, $env:literal;)+) => {
+    ($($(#[doc = $doc:literal])+ $name:ident: $kind:ty = $default:expr, $env:literal $(in $range:expr)?;)+) => {
         /// Bounds on what one request, and all of them together, may cost. `GET /v1/limits` shows them.
         #[derive(Debug, Clone, Args, Serialize)]
         pub struct Limits {
-            $($(#[doc = $doc])+ #[arg(long, env = $env, default_value_t = $default, action = ArgAction::Set, help_heading = "Limits")] pub $name: $kind,)+
+            $(
+                $(#[doc = $doc])+
+                #[arg(long, env = $env, default_value_t = $default, action = ArgAction::Set, help_heading = "Limits")]
+                $(#[arg(value_parser = value_parser!($kind).range($range))])?
+                pub $name: $kind,
+            )+
         }
 
         impl Default for Limits {
@@ -35,11 +58,11 @@ limits! {
     /// Connections open at the same time; further ones wait to be accepted.
     connections: usize = 1024, "CANDELA_CONNECTIONS";
     /// Seconds in which the head of a request must have arrived; a connection without a request is closed after them, too.
-    header_seconds: u64 = 20, "CANDELA_HEADER_SECONDS";
+    header_seconds: u64 = 20, "CANDELA_HEADER_SECONDS" in 1..=LONGEST;
     /// Seconds of silence after which a request body is given up.
-    idle_seconds: u64 = 15, "CANDELA_IDLE_SECONDS";
+    idle_seconds: u64 = 15, "CANDELA_IDLE_SECONDS" in 1..=LONGEST;
     /// Seconds in which a request body must have arrived.
-    body_seconds: u64 = 120, "CANDELA_BODY_SECONDS";
+    body_seconds: u64 = 120, "CANDELA_BODY_SECONDS" in 1..=LONGEST;
     /// Bytes of a body that is JSON, and of the field `params` of a form.
     json_bytes: usize = 2 << 20, "CANDELA_JSON_BYTES";
     /// Parts of one multipart form.
@@ -51,7 +74,7 @@ limits! {
     /// Bytes of host memory that uploads being imported may take together, at the most; further ones wait.
     import_memory_bytes: u64 = 4 << 30, "CANDELA_IMPORT_MEMORY_BYTES";
     /// Seconds in which a scene must have been read.
-    import_seconds: u64 = 60, "CANDELA_IMPORT_SECONDS";
+    import_seconds: u64 = 60, "CANDELA_IMPORT_SECONDS" in 1..=LONGEST;
     /// Triangles of a scene, counted once per mesh.
     triangles: usize = 20_000_000, "CANDELA_TRIANGLES";
     /// Pixels of all images of a scene together.
@@ -71,9 +94,9 @@ limits! {
     /// Width x height x max_samples of a job.
     pixel_samples: u64 = 1_000_000_000_000, "CANDELA_PIXEL_SAMPLES";
     /// Seconds of tracing after which a render stops with what it has.
-    render_seconds: u64 = 3600, "CANDELA_RENDER_SECONDS";
+    render_seconds: u64 = 3600, "CANDELA_RENDER_SECONDS" in ..=LONGEST;
     /// Seconds after which a device that does not answer is given up; renders then go on with a new one.
-    device_seconds: u64 = 120, "CANDELA_DEVICE_SECONDS";
+    device_seconds: u64 = 120, "CANDELA_DEVICE_SECONDS" in 1..=LONGEST;
     /// Estimated bytes of host memory of one job.
     job_memory_bytes: u64 = 4 << 30, "CANDELA_JOB_MEMORY_BYTES";
     /// Estimated bytes of host memory of all renders under way together.
@@ -89,11 +112,11 @@ limits! {
     /// Renders that share the device; one more place is kept for short ones.
     active_renders: usize = 4, "CANDELA_ACTIVE_RENDERS";
     /// Seconds that denoising may take for each million pixels begun; the picture is then given undenoised, with a warning.
-    denoise_seconds: u64 = 120, "CANDELA_DENOISE_SECONDS";
+    denoise_seconds: u64 = 120, "CANDELA_DENOISE_SECONDS" in 1..=LONGEST;
     /// Bytes of memory that denoising one picture may take, beside the server's own.
     denoise_memory_bytes: u64 = 4 << 30, "CANDELA_DENOISE_MEMORY_BYTES";
     /// Milliseconds between two savings of an unfinished film, where there is a data folder.
-    save_film_ms: u64 = 30_000, "CANDELA_SAVE_FILM_MS";
+    save_film_ms: u64 = 30_000, "CANDELA_SAVE_FILM_MS" in ..=1000 * LONGEST;
     /// Bytes of a film above which it is not saved: after a restart its job begins anew.
     save_film_bytes: u64 = 256 << 20, "CANDELA_SAVE_FILM_BYTES";
     /// Bytes of the scenes kept in memory, least recently used leave first.
@@ -111,7 +134,7 @@ limits! {
     /// Whether a job that asks for what another has rendered gets its result.
     result_cache: bool = true, "CANDELA_RESULT_CACHE";
     /// Longest `Prefer: wait`, in seconds.
-    wait_seconds: u64 = 300, "CANDELA_WAIT_SECONDS";
+    wait_seconds: u64 = 300, "CANDELA_WAIT_SECONDS" in ..=LONGEST;
 }
 
 impl Limits {
@@ -155,7 +178,7 @@ pub struct ServeConfig {
     #[arg(long, env = "CANDELA_DATA", value_name = "FOLDER")]
     pub data: Option<PathBuf>,
     /// Seconds that jobs get to finish after SIGTERM or SIGINT.
-    #[arg(long, env = "CANDELA_DRAIN_SECONDS", default_value_t = 30)]
+    #[arg(long, env = "CANDELA_DRAIN_SECONDS", default_value_t = 30, value_parser = value_parser!(u64).range(..=LONGEST))]
     pub drain_seconds: u64,
     /// File of API keys (`candela key`), which every request must then have; without one everybody may do everything.
     #[arg(long, env = "CANDELA_KEYS", value_name = "FILE")]
@@ -215,21 +238,50 @@ impl ServeConfig {
                 Value::Array(list) if list.is_empty() => format!("#{variable}="),
                 Value::Array(list) => {
                     let words: Vec<&str> = list.iter().filter_map(Value::as_str).collect();
-                    format!("{variable}={}", words.join(","))
+                    format!("{variable}={}", quoted(&words.join(",")))
                 }
-                Value::String(text) => format!("{variable}={text}"),
+                Value::String(text) => format!("{variable}={}", quoted(text)),
                 other => format!("{variable}={other}"),
             };
             Some(format!("# {help} (--{})\n{line}\n", argument.get_long()?))
         });
         settings.collect()
     }
+
+    /// Variables among these that look like settings and are none, each with the setting that it was likely meant to be.
+    pub fn misspelt(names: impl IntoIterator<Item = String>) -> Vec<(String, Option<String>)> {
+        const PREFIX: &str = "CANDELA_";
+        let command = Self::augment_args(clap::Command::new("serve"));
+        let settings: Vec<&str> =
+            command.get_arguments().filter_map(|argument| argument.get_env()?.to_str()?.strip_prefix(PREFIX)).collect();
+        let is_known = |name: &str| {
+            settings.iter().any(|known| name.strip_prefix(PREFIX) == Some(*known))
+                || NO_SETTINGS.contains(&name)
+                || name.starts_with("CANDELA_TEST_")
+        };
+        let unknown = names.into_iter().filter(|name| name.starts_with(PREFIX) && !is_known(name));
+        let guess = |name: &str| {
+            let near = nearest(name.strip_prefix(PREFIX)?, settings.iter().copied())?;
+            Some(format!("{PREFIX}{near}"))
+        };
+        unknown.map(|name| (guess(&name), name)).map(|(near, name)| (name, near)).collect()
+    }
+}
+
+/// A value as shells and systemd read it: between quotes if it has more than plain characters.
+fn quoted(value: &str) -> String {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_./:,@%+=".contains(&byte);
+    if value.bytes().all(is_plain) {
+        return value.to_owned();
+    }
+    let escaped = |c: char| matches!(c, '"' | '\\' | '$' | '`').then_some('\\').into_iter().chain([c]);
+    format!("\"{}\"", value.chars().flat_map(escaped).collect::<String>())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
+    use clap::{CommandFactory, Parser};
 
     #[derive(Parser)]
     struct Arguments {
@@ -260,5 +312,32 @@ mod tests {
         assert!(!text.contains("=null") && text.contains("(--queue-length)"), "{text}");
         let none = Arguments::parse_from(["candela"]).serve.as_environment();
         assert!(none.contains("#CANDELA_DATA=\n"), "{none}");
+        let odd = Arguments::parse_from(["candela", "--data", r#"a b#c$d"e`f\g'h"#]).serve.as_environment();
+        assert!(odd.contains(r#"CANDELA_DATA="a b#c\$d\"e\`f\\g'h""#), "{odd}");
+    }
+
+    #[test]
+    fn times_are_bounded() {
+        let command = Arguments::command();
+        let times = command.get_arguments().filter_map(clap::Arg::get_long);
+        let times: Vec<&str> = times.filter(|name| name.ends_with("-seconds") || name.ends_with("-ms")).collect();
+        assert!(times.len() >= 9, "{times:?}");
+        for time in times {
+            let parse = |value: &str| Arguments::try_parse_from(["candela", &format!("--{time}"), value]);
+            for most in ["18446744073709551615", "1000000000001"] {
+                assert!(parse(most).is_err(), "{time} {most}");
+            }
+            assert!(parse("1000000000").is_ok(), "{time}");
+        }
+        assert!(Arguments::try_parse_from(["candela", "--body-seconds", "0"]).is_err(), "no body could be read");
+    }
+
+    #[test]
+    fn misspelt_settings_are_told_of() {
+        let names =
+            ["CANDELA_QUEUE_LENGHT", "CANDELA_QUEUE_LENGTH", "CANDELA_KEY", "CANDELA_TEST_X", "CANDELA_XYZ", "PATH"];
+        let found = ServeConfig::misspelt(names.map(str::to_owned));
+        let near = Some("CANDELA_QUEUE_LENGTH".to_owned());
+        assert_eq!(found, [("CANDELA_QUEUE_LENGHT".to_owned(), near), ("CANDELA_XYZ".to_owned(), None)]);
     }
 }

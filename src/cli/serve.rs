@@ -1,11 +1,12 @@
 //! `candela serve`.
 
+use super::stop::Stops;
 use super::traces::Traces;
 use super::{Failure, apart};
 use crate::config::{LogFormat, ServeConfig};
 use crate::denoise::Denoiser;
 use crate::http::{self, Access};
-use crate::jobs::{EngineFactory, Service, Trial, Webhooks};
+use crate::jobs::{EngineFactory, Service, StartError, Trial, Webhooks};
 use crate::render::{ApartEngine, Engines, RenderError};
 use anyhow::Context;
 use std::io::{IsTerminal, Write};
@@ -26,11 +27,27 @@ pub fn run(config: ServeConfig) -> Result<(), Failure> {
         let written = std::io::stdout().write_all(config.as_environment().as_bytes());
         return written.map_err(|error| Failure::Machine(format!("standard output: {error}")));
     }
-    let machine = |error: anyhow::Error| Failure::Machine(format!("{error:#}"));
+    let machine = |error: anyhow::Error| Failure::Machine(told_once(&error));
     let traces = config.otlp_endpoint.as_deref().map(Traces::to).transpose().map_err(machine)?;
     let traced = traces.as_ref().map(Traces::layer);
     tracing_subscriber::registry().with(log(config.log_format)).with(traced).init();
+    let names = std::env::vars_os().filter_map(|(name, _)| name.into_string().ok());
+    for (name, near) in ServeConfig::misspelt(names) {
+        let hint = near.map_or_else(String::new, |near| format!(" Did you mean {near}?"));
+        tracing::warn!("{name} is no setting and changes nothing (candela serve --print-config lists all).{hint}");
+    }
     run_to_end(config).map_err(machine)
+}
+
+/// An error with its causes, each said once: some repeat what caused them.
+fn told_once(error: &anyhow::Error) -> String {
+    let mut told = Vec::<String>::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if !told.iter().any(|before| before.contains(&cause) || cause.contains(before.as_str())) {
+            told.push(cause);
+        }
+    }
+    told.join(": ")
 }
 
 /// The log, on standard error.
@@ -39,7 +56,7 @@ fn log<S: Subscriber + for<'a> LookupSpan<'a>>(format: LogFormat) -> impl Layer<
     let lines = fmt::layer().with_writer(std::io::stderr).with_ansi(std::io::stderr().is_terminal());
     let lines = match format {
         LogFormat::Text => lines.boxed(),
-        LogFormat::Json => lines.json().flatten_event(true).with_current_span(true).with_span_list(false).boxed(),
+        LogFormat::Json => lines.json().flatten_event(true).with_current_span(false).with_span_list(true).boxed(),
     };
     lines.with_filter(filter)
 }
@@ -63,7 +80,14 @@ async fn serve(config: ServeConfig) -> anyhow::Result<()> {
     }
     let engines = engines(&config);
     let (webhooks, trial, denoiser) = (webhooks(&config)?, trial(&config), denoiser(&config)?);
-    let service = Service::start_in(config.data.as_deref(), config.limits, engines).await?;
+    let started = Service::start_in(config.data.as_deref(), config.limits, engines).await;
+    let service = started.map_err(|error| match (&error, &config.data) {
+        (StartError::Storage(_), Some(folder)) => {
+            let place = format!("--data {}", folder.display());
+            anyhow::Error::new(error).context(place)
+        }
+        _ => error.into(),
+    })?;
     if let Some(trial) = trial {
         service.try_scenes(trial);
     }
@@ -141,18 +165,11 @@ fn reachable(address: SocketAddr) -> SocketAddr {
     }
 }
 
-/// Becomes ready at SIGTERM or SIGINT (elsewhere than on Unix: Ctrl-C).
+/// Becomes ready at SIGTERM or SIGINT.
 fn asked_to_stop() -> std::io::Result<impl Future<Output = ()> + Send + 'static> {
-    #[cfg(unix)]
-    let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
+    let mut stops = Stops::new()?;
     Ok(async move {
-        #[cfg(unix)]
-        tokio::select! {
-            _ = terminate.recv() => {}
-            _ = tokio::signal::ctrl_c() => {}
-        }
-        #[cfg(not(unix))]
-        let _ = tokio::signal::ctrl_c().await;
+        stops.next().await;
         tracing::info!("shutting down: finishing the jobs under way");
     })
 }
@@ -187,6 +204,19 @@ mod tests {
         let error = run_to_end(config(listen)).unwrap_err();
         let message = format!("{error:#}");
         assert!(message.contains(&listen.to_string()) && message.contains("--listen"), "{message}");
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_data_folder_is_said_once_with_what_to_do() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("ledger.sqlite"), "no database, but longer than the head of one ".repeat(9))
+            .unwrap();
+        let listen = SocketAddr::from(([127, 0, 0, 1], 0));
+        let error = run_to_end(ServeConfig { data: Some(folder.path().to_owned()), ..config(listen) }).unwrap_err();
+        let said = told_once(&error);
+        assert!(said.contains(&*folder.path().to_string_lossy()) && said.contains("backups"), "{said}");
+        assert_eq!(said.matches("cannot be read").count(), 1, "{said}");
+        assert_eq!(said.matches("not a database").count(), 1, "{said}");
     }
 
     #[test]

@@ -29,6 +29,7 @@ pub use surfaces::{
     Axis, Maps, NormalParams, OverrideParams, ParallaxMethod, ParallaxParams, ReliefParams, SphereParams, TextureParams,
 };
 pub use validate::{FieldError, ParamLimits};
+pub(crate) use wording::nearest;
 
 use serde::{Deserialize, Serialize};
 

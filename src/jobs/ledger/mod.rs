@@ -40,10 +40,12 @@ pub enum LedgerError {
     #[error("the change does not fit what the ledger holds: {0}")]
     Refused(rusqlite::Error),
     /// It cannot be opened or read.
-    #[error("the ledger cannot be read: {0}")]
+    #[error("the ledger cannot be read: {0} (is its disk full, failing or read-only? docs/operations.md has backups)")]
     Broken(#[from] rusqlite::Error),
     /// It was written by a newer version.
-    #[error("the ledger has schema {found}, newer than {known} of this version")]
+    #[error(
+        "the ledger has schema {found}, newer than {known} of this version: start the newer one, or with another folder (--data)"
+    )]
     Newer {
         /// Schema of the file.
         found: usize,
@@ -51,7 +53,7 @@ pub enum LedgerError {
         known: usize,
     },
     /// Another process has it.
-    #[error("another server uses this folder")]
+    #[error("another server uses this folder: end that one, or give this one a folder of its own (--data)")]
     InUse,
     /// The medium is at fault (a full disk, say). What was given to it is written once that is over.
     #[error("the ledger cannot be written at present")]
