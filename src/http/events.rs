@@ -77,7 +77,8 @@ where
 /// `Last-Event-ID`; none: from the beginning.
 fn last_event(headers: &HeaderMap) -> Result<u64, Problem> {
     let Some(value) = headers.get("last-event-id") else { return Ok(0) };
-    let id = value.to_str().ok().and_then(|text| text.parse().ok());
+    let is_number = |text: &&str| text.bytes().all(|byte| byte.is_ascii_digit());
+    let id = value.to_str().ok().filter(is_number).and_then(|text| text.parse().ok());
     id.ok_or_else(|| Problem::new(Code::BadRequest, "`Last-Event-ID` must be the id of an event, a whole number"))
 }
 

@@ -2,7 +2,8 @@
 //! The server and the command line read the same.
 
 use crate::params::{self, FieldError, JsonError, RenderParams};
-use serde::Deserialize;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 use std::collections::HashSet;
 
@@ -87,16 +88,27 @@ struct Matrix {
     scenes: Vec<String>,
     #[serde(default = "no_params")]
     params: Value,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "axis")]
     cameras: Vec<Value>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "axis")]
     variants: Vec<Value>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "axis")]
     lights: Vec<Value>,
     #[serde(default)]
     priority: i32,
     #[serde(default)]
     webhook: Option<Webhook>,
+}
+
+/// An axis that is given has a place: whoever made it of an empty list wanted no pictures, and not one.
+fn axis<'de, D: Deserializer<'de>>(list: D) -> Result<Vec<Value>, D::Error> {
+    let places = Vec::deserialize(list)?;
+    if places.is_empty() {
+        return Err(D::Error::custom(
+            "is empty, so that nothing would be rendered; leave it out to have it as `params` say",
+        ));
+    }
+    Ok(places)
 }
 
 /// Reads either form: a matrix is one JSON object that has `scenes`, on as many lines as it likes. What is neither is told of as what
@@ -336,6 +348,9 @@ mod tests {
         assert_eq!(pointers(read("", 9)), ["/items"]);
         assert_eq!(pointers(read(&line("").repeat(10), 9)), ["/items"]);
         assert_eq!(pointers(read(r#"{"scenes": []}"#, 9)), ["/items"]);
+        for axis in ["cameras", "variants", "lights"] {
+            assert_eq!(pointers(read(&json!({"scenes": ["a"], axis: []}).to_string(), 9)), [format!("/{axis}")]);
+        }
         let huge = json!({"scenes": ["a"], "cameras": vec![Value::Null; 4000], "lights": vec![json!([]); 4000], "variants": vec![Value::Null; 4000]});
         assert_eq!(pointers(read(&huge.to_string(), 9)), ["/items"]);
         assert!(

@@ -165,9 +165,10 @@ fn what_is_wrong_is_said_and_nothing_is_begun() {
     let wide = matrix(json!([null, { "yfov_degrees": 500 }]), &scene).problem(422, "invalid_params");
     assert_eq!(wide["errors"][0]["pointer"], "/cameras/1/yfov_degrees", "what is checked later, too");
     assert!(wide["detail"].as_str().is_some_and(|detail| detail.starts_with("`camera1`: /cameras/1")), "{wide}");
-    let unknown = matrix(json!([]), "sha256-none").problem(404, "scene_not_found");
+    let unknown = matrix(json!([null]), "sha256-none").problem(404, "scene_not_found");
     assert_eq!(unknown["errors"][0]["pointer"], "/scenes/0");
     assert_eq!(pointer(&post("application/json", "{\"scenes\": []}"), "invalid_params"), "/items");
+    assert_eq!(pointer(&matrix(json!([]), &scene), "invalid_params"), "/cameras", "no camera is no picture");
     let cut = post(lines, &[good.as_str(), "{\"scene\": "].concat()).problem(400, "malformed_json");
     assert!(cut["detail"].as_str().is_some_and(|detail| detail.matches("line").count() == 1), "{cut}");
     assert!(cut["detail"].as_str().is_some_and(|detail| detail.ends_with("at line 2 column 10")), "{cut}");
@@ -332,5 +333,7 @@ fn a_batch_tells_of_its_items_in_order_and_resumes() {
     let rest = listen_at(&server, &path, Some(2), |_| false);
     assert_eq!(rest.iter().map(|event| event.id).collect::<Vec<_>>(), [3, 4]);
     assert_eq!(server.send("GET", &path, &[("last-event-id", "4")], &[]).status, 204);
-    server.send("GET", &path, &[("last-event-id", "x")], &[]).problem(400, "bad_request");
+    for odd in ["x", "+1", "-1", "1.0", "99999999999999999999"] {
+        server.send("GET", &path, &[("last-event-id", odd)], &[]).problem(400, "bad_request");
+    }
 }
