@@ -53,9 +53,9 @@ struct Refusal {
     client: Option<Client>,
 }
 
-impl From<Problem> for Refusal {
+impl From<Problem> for Box<Refusal> {
     fn from(problem: Problem) -> Self {
-        Self { problem, client: None }
+        Self::new(Refusal { problem, client: None })
     }
 }
 
@@ -87,7 +87,7 @@ impl Access {
     }
 
     /// Who asks, if that key may do what `scope` says now; none: no key is asked for.
-    fn admit(&self, headers: &HeaderMap, scope: Scope) -> Result<Option<Admitted>, Refusal> {
+    fn admit(&self, headers: &HeaderMap, scope: Scope) -> Result<Option<Admitted>, Box<Refusal>> {
         let Some(ring) = &self.ring else { return Ok(None) };
         let given = given(headers).ok_or_else(|| unauthorized("send a key: `Authorization: Bearer candela_...`"))?;
         let hash = hash(&given);
@@ -100,7 +100,7 @@ impl Access {
                 let caller = Caller { client, has_key: true, renders_per_day: held.key.renders_per_day };
                 Ok(Some(Admitted { caller, hash }))
             }
-            Err(problem) => Err(Refusal { problem, client: Some(Client(client)) }),
+            Err(problem) => Err(Box::new(Refusal { problem, client: Some(Client(client)) })),
         }
     }
 
@@ -129,7 +129,7 @@ pub async fn check(access: Access, scope: Scope, mut request: Request, next: Nex
             let late = || refuse(unauthorized("this key was revoked while the request was under way"));
             (answered.unwrap_or_else(late), client)
         }
-        Err(Refusal { problem, client }) => (refuse(problem), client),
+        Err(refusal) => (refuse(refusal.problem), refusal.client),
     };
     match client {
         Some(client) => (Extension(client), response).into_response(),
