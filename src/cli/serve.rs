@@ -41,11 +41,12 @@ pub fn run(config: ServeConfig) -> Result<(), Failure> {
 
 /// An error with its causes, each said once: some repeat what caused them.
 fn told_once(error: &anyhow::Error) -> String {
-    let mut told = Vec::<String>::new();
+    let (mut told, mut seen) = (Vec::new(), Vec::<String>::new());
     for cause in error.chain().map(ToString::to_string) {
-        if !told.iter().any(|before| before.contains(&cause) || cause.contains(before.as_str())) {
-            told.push(cause);
+        if !seen.iter().any(|before| before.contains(&cause) || cause.contains(before.as_str())) {
+            told.push(cause.clone());
         }
+        seen.push(cause);
     }
     told.join(": ")
 }
