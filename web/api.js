@@ -7,6 +7,15 @@ export class Problem extends Error {
     Object.assign(this, { title, detail, status, code, errors, retryAfter });
   }
 
+  /**
+   * Whether the server no longer has what it was sent before: it was restarted without a data folder, or has made room. A picture
+   * that it lacks is at fault where the parameters name it.
+   */
+  get isForgotten() {
+    const lacksImage = this.code === "invalid_params" && this.errors.some(({ pointer }) => /\/(image|hdri)$/.test(pointer ?? ""));
+    return lacksImage || ["scene_not_found", "job_not_found"].includes(this.code);
+  }
+
   static async from(response) {
     const retryAfter = Number(response.headers.get("retry-after")) || undefined;
     const said = await response.json().catch(() => ({}));
@@ -34,7 +43,7 @@ const USUAL_YFOV = 45;
 
 /**
  * `files`: `[{file, path}]`, where `path` is the URI that the model calls the file by. Answers
- * `{id, bounds: {min, max}, cameras: [{name, position, direction, yfov}], lights, warnings}`.
+ * `{id, bounds: {min, max}, cameras: [{name, position, direction, yfov}], scenes, variants, lights, warnings}`.
  */
 export async function uploadScene(files) {
   const form = new FormData();
@@ -45,11 +54,12 @@ export async function uploadScene(files) {
   return { ...scene, cameras, bounds: scene.bounds ?? NO_BOUNDS };
 }
 
-/** Answers the id that `environment.hdri` takes. */
+/** Answers `{id, name, file}`; parameters name the picture by its `id`. */
 export async function uploadImage(file) {
   const form = new FormData();
   form.append("image", file, file.name);
-  return (await answer("/v1/images", { method: "POST", body: form })).id;
+  const { id } = await answer("/v1/images", { method: "POST", body: form });
+  return { id, name: file.name, file };
 }
 
 /** Answers the name of what denoises on the server; null: nothing does. */
@@ -78,7 +88,7 @@ export async function fetchResult(id, type = "image/png") {
 }
 
 /** Renders a picture beside all others, and answers it as a Blob. */
-export async function renderOnce(scene, params) {
+export async function renderOnce(scene, params, type) {
   const { id } = await createJob(scene, params);
   await new Promise((resolve, reject) => {
     followJob(id, (name, data) => {
@@ -87,26 +97,44 @@ export async function renderOnce(scene, params) {
       if (name === "cancelled" || name === "lost") reject(new Problem({ title: "The connection to the job was lost" }));
     });
   });
-  return fetchResult(id);
+  return fetchResult(id, type);
 }
 
 const JOB_EVENTS = ["started", "progress", "preview", "completed", "failed", "cancelled"];
 const LAST_EVENTS = ["completed", "failed", "cancelled"];
 
 /**
- * Calls `on(name, data)` for each event of a job, up to the one that ends it; `on("lost")` if the stream breaks for good.
- * Answers a function that stops listening.
+ * Calls `on(name, data)` for each event of a job, up to the one that ends it; `on("broken")` and `on("mended")` when the stream breaks
+ * and comes back, `on("lost")` if it breaks for good. Answers a function that stops listening.
+ *
+ * A page that nobody sees does not listen: a browser has no more than six connections to a server, for all its tabs together. Who
+ * comes back hears the job's news from the start, but of progress and pictures the newest alone.
  */
 export function followJob(id, on) {
-  const source = new EventSource(`/v1/jobs/${id}/events`);
-  for (const name of JOB_EVENTS) {
-    source.addEventListener(name, (event) => {
-      if (LAST_EVENTS.includes(name)) source.close();
-      on(name, JSON.parse(event.data));
+  let source = null;
+  const listen = () => {
+    source = openStream(id, (name, data) => {
+      if (LAST_EVENTS.includes(name) || name === "lost") stop();
+      on(name, data);
     });
-  }
-  source.addEventListener("error", () => {
-    if (source.readyState === EventSource.CLOSED) on("lost");
-  });
-  return () => source.close();
+  };
+  const turn = () => {
+    source?.close();
+    if (!document.hidden) listen();
+  };
+  const stop = () => {
+    document.removeEventListener("visibilitychange", turn);
+    source?.close();
+  };
+  document.addEventListener("visibilitychange", turn);
+  turn();
+  return stop;
+}
+
+function openStream(id, on) {
+  const source = new EventSource(`/v1/jobs/${id}/events`);
+  for (const name of JOB_EVENTS) source.addEventListener(name, ({ data }) => on(name, JSON.parse(data)));
+  source.addEventListener("open", () => on("mended"));
+  source.addEventListener("error", () => on(source.readyState === EventSource.CLOSED ? "lost" : "broken"));
+  return source;
 }

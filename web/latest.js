@@ -7,12 +7,14 @@ const RETRY_S = 2;
 const LONGEST_RETRY_S = 60;
 const MOST_TRIES = 6;
 const DRAFT_PRIORITY = 50;
+/** A job that has not begun for so long is asked for its place in the queue. */
+const QUEUE_MS = 1500;
 
 /**
  * `show` is told what happens: `picture(blob)` for every picture worth showing (it may answer a promise), and of the
- * full-quality job `accepted()`, `started({device})`, `progress(progress)`, `done(id, report, blob)`, `cancelled()`,
- * `failed(problem)` and `waiting(problem, seconds, tries, most)` before it is tried again; of a draft only `drafted(report)` and
- * `draftFailed(problem)`.
+ * full-quality job `accepted()`, `queued(before)`, `started({device})`, `progress(progress)`, `connected(whether)` to the server,
+ * `done(id, report, blob, cached)`, `cancelled()`, `failed(problem)` and `waiting(problem, seconds, tries, most)` before it is tried
+ * again; of a draft only `drafted(report)` and `draftFailed(problem)`.
  */
 export class LatestJob {
   #show;
@@ -29,7 +31,8 @@ export class LatestJob {
 
   /** A quick picture. While one is under way the newest wish waits for it, so that a moving hand sees every picture. */
   draft(scene, params) {
-    this.cancel();
+    this.#drop(this.#final);
+    this.#final = null;
     if (this.#draft) {
       this.#nextDraft = { scene, params };
     } else {
@@ -39,21 +42,26 @@ export class LatestJob {
 
   /** The whole picture; a former one is cancelled. */
   final(scene, params) {
-    this.cancel();
+    this.#drop(this.#final);
     this.#nextDraft = null;
     this.#final = this.#start(scene, params, false);
   }
 
-  /** Ends the whole picture under way; answers whether there was one. */
+  /** Ends all that is under way; answers whether there was something. */
   cancel() {
-    const wish = this.#final;
-    this.#final = null;
-    if (!wish) return false;
+    const wishes = [this.#final, this.#draft].filter((wish) => wish);
+    this.#final = this.#draft = this.#nextDraft = null;
+    for (const wish of wishes) this.#drop(wish);
+    return wishes.length > 0;
+  }
+
+  #drop(wish) {
+    if (!wish) return;
     wish.dropped = true;
     wish.stop?.();
     clearTimeout(wish.retry);
+    this.#unwatch(wish);
     if (wish.id) cancelJob(wish.id);
-    return true;
   }
 
   #start(scene, params, draft) {
@@ -72,22 +80,46 @@ export class LatestJob {
         cancelJob(job.id);
         return;
       }
-      if (!wish.draft) this.#show.accepted();
-      wish.stop = followJob(job.id, (name, data) => this.#event(wish, name, data));
+      if (!wish.draft) {
+        this.#show.accepted();
+        wish.watch = setTimeout(() => this.#watchQueue(wish), QUEUE_MS);
+      }
+      this.#follow(wish);
     } catch (problem) {
       this.#fail(wish, problem);
     }
   }
 
+  #follow(wish) {
+    wish.stop = followJob(wish.id, (name, data) => this.#event(wish, name, data));
+  }
+
+  /** Tells again and again how many jobs are before one that waits. */
+  async #watchQueue(wish) {
+    const watched = wish.watch;
+    const job = document.hidden ? null : await getJob(wish.id).catch(() => null);
+    if (wish.watch !== watched) return;
+    if (job?.state === "queued") this.#show.queued(job.queue_position);
+    wish.watch = setTimeout(() => this.#watchQueue(wish), QUEUE_MS);
+  }
+
   #event(wish, name, data) {
     if (wish.dropped) return;
-    if (name === "started" && !wish.draft) this.#show.started(data);
-    if (name === "progress" && !wish.draft) this.#show.progress(data);
-    if (name === "preview" && !wish.draft) this.#preview(wish, data);
-    if (name === "completed") this.#complete(wish, data.report);
+    if (name !== "broken" && name !== "mended") this.#unwatch(wish);
+    if (!wish.draft) this.#news(wish, name, data);
+    if (name === "completed") this.#complete(wish, data.report, data.cached);
     if (name === "failed") this.#fail(wish, new Problem(data));
     if (name === "cancelled") this.#end(wish, () => this.#show.cancelled());
     if (name === "lost") this.#recover(wish);
+  }
+
+  /** Of a whole picture under way. */
+  #news(wish, name, data) {
+    if (name === "broken") this.#show.connected(false);
+    if (name === "mended") this.#show.connected(true);
+    if (name === "started") this.#show.started(data);
+    if (name === "progress") this.#show.progress(data);
+    if (name === "preview") this.#preview(wish, data);
   }
 
   async #preview(wish, { url }) {
@@ -96,7 +128,7 @@ export class LatestJob {
     if (blob && !wish.complete) this.#reveal(wish, blob);
   }
 
-  async #complete(wish, report) {
+  async #complete(wish, report, cached) {
     try {
       const blob = await fetchResult(wish.id);
       if (wish.dropped) return;
@@ -104,22 +136,21 @@ export class LatestJob {
       await this.#reveal(wish, blob);
       if (wish.dropped) return;
       if (wish.draft) this.#show.drafted(report);
-      this.#end(wish, () => this.#show.done(wish.id, report, blob));
+      this.#end(wish, () => this.#show.done(wish.id, report, blob, cached));
     } catch (problem) {
       this.#fail(wish, problem);
     }
   }
 
-  /** The event stream broke: perhaps the job has ended all the same. */
+  /** The event stream broke for good: perhaps the job has ended all the same. */
   async #recover(wish) {
     try {
       const job = await getJob(wish.id);
+      if (wish.dropped) return;
       if (job.state === "succeeded") await this.#complete(wish, job.report);
-      else
-        this.#fail(
-          wish,
-          new Problem({ title: "The connection to the job was lost", detail: "Render again to go on." }),
-        );
+      else if (job.state === "failed") this.#fail(wish, new Problem(job.problem));
+      else if (job.state === "cancelled") this.#end(wish, () => this.#show.cancelled());
+      else wish.retry = setTimeout(() => this.#follow(wish), RETRY_S * 1000);
     } catch (problem) {
       this.#fail(wish, problem);
     }
@@ -131,6 +162,11 @@ export class LatestJob {
     await this.#show.picture(blob);
   }
 
+  #unwatch(wish) {
+    clearTimeout(wish.watch);
+    wish.watch = null;
+  }
+
   #fail(wish, problem) {
     if (wish.dropped) return;
     if (problem.status === 503 && !wish.draft && wish.tries < MOST_TRIES) {
@@ -139,8 +175,7 @@ export class LatestJob {
       wish.retry = setTimeout(() => this.#post(wish), seconds * 1000);
       return;
     }
-    // A busy server, or none, says nothing about drafts.
-    if (wish.draft && problem.status !== 503 && problem.status !== 0) this.#show.draftFailed(problem);
+    if (wish.draft) this.#show.draftFailed(problem);
     this.#end(wish, () => this.#show.failed(problem));
   }
 

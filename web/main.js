@@ -4,14 +4,16 @@ import { denoiser, fetchResult, renderOnce, uploadImage, uploadScene } from "./a
 import { curlCommand } from "./curl.js";
 import { DEMO_ENVIRONMENT, demoFile } from "./demo.js";
 import { LatestJob } from "./latest.js";
-import { Orbit } from "./math/orbit.js";
+import { Orbit, boundingSphere } from "./math/orbit.js";
 import { START, draftParams, previewParams, requestParams } from "./params.js";
+import { PreviewLight } from "./preview-light.js";
 import { CameraPanel } from "./ui/camera-panel.js";
 import { Comparison } from "./ui/comparison.js";
-import { DropZone, modelFirst } from "./ui/drop-zone.js";
+import { DropZone, modelFirst, withoutHdris } from "./ui/drop-zone.js";
 import { EnvironmentPanel } from "./ui/environment-panel.js";
 import { ExportBar, save } from "./ui/export-bar.js";
 import { LightList } from "./ui/light-list.js";
+import { ModelPanel } from "./ui/model-panel.js";
 import { MotionPanel } from "./ui/motion-panel.js";
 import { Notices } from "./ui/notices.js";
 import { SettingsPanel } from "./ui/settings-panel.js";
@@ -19,8 +21,19 @@ import { StatusBar } from "./ui/status-bar.js";
 import { overrideList, sphereList } from "./ui/surface-list.js";
 import { Viewport } from "./ui/viewport.js";
 
+const EXR = "image/x-exr";
+
 /** A hand that is still for so long rests: time for full quality. */
 const REST_MS = 350;
+
+/** What a server says that has nothing to render with, and what a finished job's full picture may be lost to. */
+const NO_DEVICE = "device_unavailable";
+const NO_LINEAR_PICTURE = ["job_not_found", "linear_picture_gone"];
+
+const NO_PREVIEWS = {
+  detail: "This server has no graphics driver to draw previews with: “While moving” is now a few traced samples.",
+};
+const STAND_IN = "Surfaces that emit light nothing in a preview: a neutral sky stands in for them.";
 
 const byId = (id) => document.getElementById(id);
 
@@ -28,6 +41,11 @@ class Controller {
   #rest = null;
   #opening = 0;
   #sentAgain = false;
+  /** Whether the last draft failed for want of a graphics driver, and whether drafts are traced for that reason. */
+  #undrawn = false;
+  #noPreviews = false;
+  #light = new PreviewLight();
+  #interrupted = false;
 
   constructor() {
     this.settings = START;
@@ -43,6 +61,7 @@ class Controller {
       (live) => this.#changed(live),
       () => this.#frame(),
     );
+    this.model = new ModelPanel(byId("model-section"), byId("model"), (isOtherScene) => this.#remodel(isOtherScene));
     this.motion = new MotionPanel(byId("motion-section"), byId("motion"), (live) => this.#changed(live));
     this.lights = new LightList(byId("lights"), (sceneLights, live) => this.#set({ scene_lights: sceneLights }, live));
     const surfaceChanged = (live) => this.#changed(live);
@@ -67,7 +86,10 @@ class Controller {
     this.comparison = new Comparison(byId("comparison"));
     new DropZone(document.body, [byId("choose-files"), byId("choose-folder")], (files) => this.#drop(files));
     byId("save-model").addEventListener("click", () => save(this.files[0].file, this.files[0].path));
-    window.addEventListener("pagehide", () => this.job.cancel());
+    window.addEventListener("pagehide", () => {
+      this.#interrupted = this.job.cancel();
+    });
+    window.addEventListener("pageshow", () => this.#interrupted && this.#changed(false));
     this.viewport.aspect = this.#aspect();
   }
 
@@ -83,26 +105,27 @@ class Controller {
   }
 
   #drop(files) {
-    const hdri = files.length === 1 && /\.(hdr|exr)$/i.test(files[0].path);
-    if (hdri) {
-      this.#openHdri(files[0].file);
-      return;
-    }
+    const { hdris, others } = withoutHdris(files);
+    const hdri = hdris.length === 1 ? hdris[0].file : null;
     try {
-      this.#open(modelFirst(files));
+      if (others.length > 0) this.#open(modelFirst(others), { hdri });
+      else if (hdri) this.#openHdri(hdri);
+      if (hdris.length > 1) {
+        throw new Error(`There are ${hdris.length} HDRIs here (${hdris.map(({ path }) => path).join(", ")}): open one of them.`);
+      }
     } catch (error) {
       this.notices.error(error);
     }
   }
 
-  async #open(files, { environment, demo = false } = {}) {
+  async #open(files, { environment, hdri, demo = false } = {}) {
     this.#opening += 1;
     const mine = this.#opening;
     const goBack = this.#startReading(files[0].path);
     try {
-      const scene = await uploadScene(files);
+      const [scene, image] = await Promise.all([uploadScene(files), hdri && uploadImage(hdri)]);
       if (mine !== this.#opening) return;
-      this.#show(scene, files, environment);
+      this.#show(scene, files, image ? { kind: "hdri", hdri: image } : environment);
       byId("save-model").hidden = !demo;
       document.body.classList.toggle("welcome", demo);
     } catch (problem) {
@@ -125,7 +148,8 @@ class Controller {
     this.files = files;
     byId("model-name").textContent = files[0].path;
     document.title = `${files[0].path} – Candela`;
-    this.camera.open(scene, Orbit.framing(scene.bounds, this.#aspect()));
+    this.model.open(scene);
+    this.#openCamera();
     this.motion.open(scene);
     this.lights.open(scene);
     this.spheres.open(scene);
@@ -134,6 +158,18 @@ class Controller {
     this.settings = { ...this.settings, scene_lights: true };
     this.exports.nameable = true;
     this.notices.report({ warnings: scene.warnings });
+    this.#changed(false);
+  }
+
+  /** Of another scene of the file than its default one the server describes neither bounds nor cameras: it frames what is there. */
+  #openCamera() {
+    const framed = this.model.model.scene !== null;
+    const shown = framed ? { ...this.scene, cameras: [] } : this.scene;
+    this.camera.open(shown, Orbit.framing(this.scene.bounds, this.#aspect(), { framed }));
+  }
+
+  #remodel(isOtherScene) {
+    if (isOtherScene) this.#openCamera();
     this.#changed(false);
   }
 
@@ -150,7 +186,7 @@ class Controller {
     return {
       turn: (dx, dy) => move((orbit) => orbit.turned(dx, dy)),
       pan: (dx, dy) => move((orbit) => orbit.panned(dx, dy)),
-      zoom: (factor) => move((orbit) => orbit.zoomed(factor)),
+      zoom: (factor) => move((orbit) => orbit.zoomed(factor, boundingSphere(this.scene.bounds).radius)),
       frame: () => this.#frame(),
     };
   }
@@ -158,7 +194,8 @@ class Controller {
   #frame() {
     if (!this.scene) return;
     const { azimuth, elevation, yfov } = this.camera.orbit;
-    this.camera.orbit = Orbit.framing(this.scene.bounds, this.#aspect(), { azimuth, elevation, yfov });
+    const angles = { azimuth, elevation, yfov };
+    this.camera.orbit = Orbit.framing(this.scene.bounds, this.#aspect(), { ...angles, framed: true });
     this.#changed(false);
   }
 
@@ -172,13 +209,15 @@ class Controller {
   /** Something is different now: a draft while the hand moves, the whole picture when it rests. */
   #changed(live) {
     if (!this.scene) return;
-    this.exports.ready = false;
+    this.exports.offer(false);
+    this.camera.settle();
     clearTimeout(this.#rest);
     if (!live) {
       this.job.final(this.scene.id, this.#params());
       return;
     }
-    this.job.draft(this.scene.id, draftParams(this.#params(), this.settings));
+    const params = this.#params();
+    this.job.draft(this.scene.id, draftParams(params, this.settings, this.#light.of(this.scene, params)));
     this.status.draft();
     this.#rest = setTimeout(() => this.#changed(false), REST_MS);
   }
@@ -186,6 +225,7 @@ class Controller {
   #params() {
     return requestParams({
       settings: this.settings,
+      model: this.model.model,
       camera: this.camera.camera,
       motion: this.motion.motion,
       lights: this.lights.lights,
@@ -198,40 +238,70 @@ class Controller {
   #jobListener() {
     return {
       accepted: () => this.status.begin(),
+      queued: (before) => this.status.queued(before),
+      connected: (whether) => this.status.connected(whether),
       started: (news) => this.status.started(news),
       progress: (progress) => this.status.progress(progress),
       picture: (blob) => this.viewport.show(blob, `Render of ${this.files[0].path}`),
-      done: (id, report, blob) => this.#done(id, report, blob),
+      done: (id, report, blob, cached) => this.#done(id, report, blob, cached),
       cancelled: () => this.status.say("Cancelled"),
       failed: (problem) => this.#failed(problem),
       drafted: (report) => this.status.drafted(report),
-      // Perhaps there is no graphics driver to draw previews with; what is traced needs none.
-      draftFailed: () => this.#traceDrafts(),
+      draftFailed: (problem) => {
+        this.#undrawn = problem.code === NO_DEVICE;
+      },
       waiting: (problem, seconds, tries, most) => this.status.waiting(problem.title, seconds, tries, most),
     };
   }
 
-  #done(id, report, blob) {
+  #done(id, report, blob, cached) {
     this.#sentAgain = false;
     this.finished = { id, blob };
-    this.exports.ready = true;
+    this.exports.offer(true, this.settings.mode !== "preview");
     this.notices.clearError();
-    this.status.done(report);
-    this.notices.report(report);
+    this.status.done(report, cached);
+    this.camera.hear(report.defaults);
+    this.#light.learn(this.scene, this.#params(), report.defaults);
+    // What processors have traced was no draft's fault: there is no device at all, rather than one that was lost for a while.
+    if (this.#undrawn && report.engine === "cpu") this.#traceDrafts();
+    this.notices.report({ ...report, warnings: [...report.warnings, ...(this.#noPreviews ? [NO_PREVIEWS] : [])] });
   }
 
-  /** A server that forgot the scene (a restart, or too many scenes) gets it once more. */
+  /** A server that forgot what it was sent (a restart, or too many scenes) gets it once more. */
   async #failed(problem) {
-    const forgotten = problem.code === "scene_not_found" && !this.#sentAgain;
-    this.#sentAgain = forgotten;
+    const again = problem.isForgotten && !this.#sentAgain;
+    this.#sentAgain = again;
     try {
-      if (!forgotten) throw problem;
-      await uploadScene(this.files);
+      if (!again) throw problem;
+      await this.#sendAgain();
       this.#changed(false);
     } catch (reason) {
       this.status.say("Failed");
       this.notices.error(reason);
     }
+  }
+
+  async #sendAgain() {
+    await Promise.all([uploadScene(this.files), ...this.#images().map(({ file }) => uploadImage(file))]);
+  }
+
+  /** Renders beside what is on screen. */
+  async #renderBeside(params, type) {
+    try {
+      return await renderOnce(this.scene.id, params, type);
+    } catch (problem) {
+      if (!problem.isForgotten) throw problem;
+      await this.#sendAgain();
+      return renderOnce(this.scene.id, params, type);
+    }
+  }
+
+  /** Pictures that the request names, `{id, name, file}`. */
+  #images() {
+    const { kind, hdri } = this.environment.environment;
+    const surfaces = [...this.spheres.items, ...this.overrides.items].filter(({ on }) => on);
+    const maps = surfaces.flatMap(({ texture, detail, relief }) => [texture, detail === "none" ? null : relief]);
+    return [kind === "hdri" ? hdri : null, ...maps].filter((image) => image);
   }
 
   #cancel() {
@@ -242,7 +312,7 @@ class Controller {
   async #openHdri(file) {
     const goBack = this.#startReading(file.name);
     try {
-      this.environment.hdri = { id: await uploadImage(file), name: file.name };
+      this.environment.hdri = await uploadImage(file);
     } catch (problem) {
       goBack(problem);
     }
@@ -252,7 +322,7 @@ class Controller {
   async #uploadMap(file) {
     const goBack = this.#startReading(file.name);
     try {
-      return { id: await uploadImage(file), name: file.name };
+      return await uploadImage(file);
     } catch (problem) {
       goBack(problem);
       return undefined;
@@ -260,13 +330,18 @@ class Controller {
   }
 
   #traceDrafts() {
+    this.#undrawn = false;
+    this.#noPreviews = true;
     this.settings = { ...this.settings, moving: "traced" };
     document.querySelector("[data-setting=moving] select").value = "traced";
   }
 
   #compare() {
-    const params = previewParams(this.#params(), this.settings);
-    this.comparison.open(this.finished.blob, renderOnce(this.scene.id, params));
+    const params = this.#params();
+    const light = this.#light.of(this.scene, params);
+    const remark = light.environment ? STAND_IN : "";
+    const preview = this.#renderBeside({ ...previewParams(params, this.settings), ...light });
+    this.comparison.open(this.finished.blob, preview, remark);
   }
 
   #stem() {
@@ -278,20 +353,30 @@ class Controller {
 
   async #saveExr() {
     try {
-      save(await fetchResult(this.finished.id, "image/x-exr"), `${this.#stem()}.exr`);
+      save(await this.#exr(), `${this.#stem()}.exr`);
     } catch (problem) {
       this.notices.error(problem);
     }
   }
 
+  /** The finished picture; rendered again if the server has forgotten it. */
+  async #exr() {
+    const params = this.#params();
+    try {
+      return await fetchResult(this.finished.id, EXR);
+    } catch (problem) {
+      if (!NO_LINEAR_PICTURE.includes(problem.code)) throw problem;
+      const takeBack = this.status.aside("Rendering the EXR again");
+      const again = { ...params, output: { ...params.output, format: "exr" } };
+      return await this.#renderBeside(again, EXR).finally(() => takeBack("Done"));
+    }
+  }
+
   #curl() {
-    const { kind, hdri } = this.environment.environment;
-    const surfaces = [...this.spheres.items, ...this.overrides.items].filter(({ on }) => on);
-    const maps = surfaces.flatMap(({ texture, detail, relief }) => [texture, detail === "none" ? null : relief]);
     return curlCommand({
       origin: window.location.origin,
       files: this.files.map(({ path }) => path),
-      images: [kind === "hdri" ? hdri : null, ...maps].filter((image) => image),
+      images: this.#images(),
       params: this.#params(),
     });
   }

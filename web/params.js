@@ -14,6 +14,8 @@ export const DEFAULTS = {
   seed: 1,
   multiple_scattering: true,
   denoise: false,
+  "direct.shading": "pbr",
+  "direct.specular": 0.5,
   tone_mapping: "aces",
   exposure: 0,
 };
@@ -25,16 +27,21 @@ const PREVIEW_DEFAULTS = {
   "preview.shininess": 32,
   "preview.specular": 0.5,
   "preview.attenuation.kind": "physical",
+  "preview.attenuation.constant": 1,
+  "preview.attenuation.linear": 0.7,
+  "preview.attenuation.quadratic": 1.8,
   "preview.spot_edge": "light",
   "preview.shadows.algorithm": "pcf",
   "preview.shadows.max_lights": 4,
   "preview.shadows.taps": 9,
+  "preview.shadows.radius": null,
   "preview.shadows.map_size": 1024,
   "preview.shadows.light_size": 0,
   "preview.shadows.bias.constant": 0.5,
   "preview.shadows.bias.slope": 1,
   "preview.shadows.bias.normal": 0,
   "preview.gizmos": false,
+  "preview.gizmo_size": 0.02,
   "preview.samples": 1,
 };
 
@@ -97,22 +104,23 @@ function lightParams(light) {
 }
 
 /** The maps of a sphere or a material, by the ids of their pictures. */
-function mapParams({ texture, detail, relief, scale, method, self_shadow }) {
-  const maps = texture ? { texture: { image: texture.id } } : {};
+function mapParams({ texture, detail, relief, scale, method, self_shadow, tiling }) {
+  const repeated = different({ tiling }, { tiling: [1, 1] });
+  const maps = texture ? { texture: { image: texture.id, ...repeated } } : {};
   if (detail === "none" || !relief) return maps;
   const parallax = detail === "parallax" && different({ method, self_shadow }, { method: "relief", self_shadow: false });
-  const map = { image: relief.id, scale, ...parallax };
+  const map = { image: relief.id, scale, ...repeated, ...parallax };
   return { ...maps, [detail]: map };
 }
 
 const given = (values) => Object.fromEntries(Object.entries(values).filter(([, value]) => value !== null));
 
 function sphereParams(sphere) {
-  const { center, radius, color, metallic, roughness, reflectivity } = sphere;
-  return { center, radius, color, metallic, roughness, ...given({ reflectivity }), ...mapParams(sphere) };
+  const { center, radius, color, metallic, roughness, reflectivity, shininess } = sphere;
+  const gloss = shininess === null ? { roughness } : { shininess };
+  return { center, radius, color, metallic, ...gloss, ...given({ reflectivity }), ...mapParams(sphere) };
 }
 
-/** The first of a material's name counts. */
 function overrideParams(override) {
   const { material, color, metallic, roughness } = override;
   return { material, ...given({ color, metallic, roughness }), ...mapParams(override) };
@@ -147,17 +155,19 @@ function nested(flat) {
 }
 
 /** The request's `params`. `settings` as START, the others as their panels hold them. */
-export function requestParams({ settings, camera, motion, lights, spheres, overrides, environment }) {
-  const params = { ...different(settings, DEFAULTS), ...different(motion, { time: null, animation: null, shutter: null }) };
+export function requestParams({ settings, model, camera, motion, lights, spheres, overrides, environment }) {
+  const params = {
+    ...nested(different(settings, DEFAULTS)),
+    ...different(model, { scene: null, variant: null }),
+    ...different(motion, { time: null, animation: null, shutter: null }),
+  };
   params.camera = cameraParams(camera);
   const shining = lights.filter((light) => light.on).map(lightParams);
   if (shining.length > 0) params.lights = shining;
   const there = spheres.filter((sphere) => sphere.on).map(sphereParams);
   if (there.length > 0) params.spheres = there;
-  const changed = overrides.filter(
-    ({ on, material }, i) => on && overrides.findIndex((other) => other.on && other.material === material) === i,
-  );
-  if (changed.length > 0) params.overrides = changed.map(overrideParams);
+  const changed = overrides.filter((override) => override.on).map(overrideParams);
+  if (changed.length > 0) params.overrides = changed;
   const sky = environmentParams(environment);
   if (sky !== undefined) params.environment = sky;
   if (settings.transparent) params.output = { transparent: true };
@@ -175,8 +185,8 @@ const DRAFT_WIDTH = { preview: 512, traced: 320 };
 const DRAFT_SAMPLES = 4;
 const DRAFT_MS = 300;
 
-/** The same picture, small and quick, for the time that a hand moves. */
-export function draftParams(params, settings) {
+/** The same picture, small and quick, for the time that a hand moves; `light`: parameters in place of its own. */
+export function draftParams(params, settings, light) {
   const { width = DEFAULTS.width, height = DEFAULTS.height } = params;
   const shrink = Math.min(1, DRAFT_WIDTH[settings.moving] / width);
   const small = {
@@ -188,5 +198,5 @@ export function draftParams(params, settings) {
     target_error: null,
     denoise: false,
   };
-  return settings.moving === "preview" ? previewParams(small, { ...settings, "preview.samples": 1 }) : small;
+  return settings.moving === "preview" ? { ...previewParams(small, { ...settings, "preview.samples": 1 }), ...light } : small;
 }

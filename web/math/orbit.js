@@ -12,18 +12,25 @@ export function boundingSphere({ min, max }) {
   return { center: scale(add(min, max), 0.5), radius: length(subtract(max, min)) / 2 || 1 };
 }
 
+/** Nearest and farthest that a zoom comes, in radii of the scene. */
+const NEAREST = 1e-3;
+const FARTHEST = 1e3;
+
 export class Orbit {
-  /** Angles in degrees, lengths in scene units. */
-  constructor({ target, azimuth, elevation, distance, yfov }) {
-    Object.assign(this, { target, azimuth, elevation, distance, yfov });
+  /**
+   * Angles in degrees, lengths in scene units. `framed`: the server finds target and distance such that all is in the picture; those
+   * here are a guess.
+   */
+  constructor({ target, azimuth, elevation, distance, yfov, framed = false }) {
+    Object.assign(this, { target, azimuth, elevation, distance, yfov, framed });
   }
 
   /** The whole box in a picture of `aspect` = width / height. */
-  static framing(bounds, aspect, { azimuth = 30, elevation = 20, yfov = 45 } = {}) {
+  static framing(bounds, aspect, { azimuth = 30, elevation = 20, yfov = 45, framed = false } = {}) {
     const { center, radius } = boundingSphere(bounds);
     const half = radians(yfov) / 2;
     const narrower = Math.min(half, Math.atan(Math.tan(half) * aspect));
-    return new Orbit({ target: center, azimuth, elevation, distance: radius / Math.sin(narrower), yfov });
+    return new Orbit({ target: center, azimuth, elevation, distance: radius / Math.sin(narrower), yfov, framed });
   }
 
   /** Continues from a camera given by position and view direction; its target is at the depth of the scene's centre. */
@@ -37,8 +44,9 @@ export class Orbit {
     return new Orbit({ target, azimuth, elevation: clampElevation(elevation), distance, yfov });
   }
 
+  /** With other values, and so no longer framed. */
   with(changes) {
-    return new Orbit({ ...this, ...changes });
+    return new Orbit({ ...this, framed: false, ...changes });
   }
 
   /** Turns by a drag of (dx, dy) picture heights: the scene follows the hand. */
@@ -56,21 +64,17 @@ export class Orbit {
     return this.with({ target: add(this.target, add(scale(right, -dx * height), scale(up, dy * height))) });
   }
 
-  /** Comes `factor` times as near. */
-  zoomed(factor) {
-    return this.with({ distance: this.distance / factor });
+  /** Comes `factor` times as near to a scene of this radius. */
+  zoomed(factor, radius) {
+    const distance = Math.min(Math.max(this.distance / factor, NEAREST * radius), FARTHEST * radius);
+    return this.with({ distance });
   }
 
   /** The API's camera. */
   toParams() {
-    return {
-      orbit: {
-        azimuth_degrees: tidy(this.azimuth),
-        elevation_degrees: tidy(this.elevation),
-        distance: tidy(this.distance),
-      },
-      target: tidyAll(this.target),
-      yfov_degrees: tidy(this.yfov),
-    };
+    const angles = { azimuth_degrees: tidy(this.azimuth), elevation_degrees: tidy(this.elevation) };
+    const yfov_degrees = tidy(this.yfov);
+    if (this.framed) return { orbit: angles, yfov_degrees };
+    return { orbit: { ...angles, distance: tidy(this.distance) }, target: tidyAll(this.target), yfov_degrees };
   }
 }

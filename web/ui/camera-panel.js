@@ -19,6 +19,9 @@ const HELP =
   "Keys: arrows, Shift + arrows, + and −; 0 shows all.";
 
 export class CameraPanel {
+  /** Where a framed orbit turned out to stand: what a hand goes on from. */
+  #found = null;
+
   /**
    * What is shown: camera `index` of the file, or the free `orbit` if that is null; the orbit is then where a hand goes
    * on from.
@@ -37,6 +40,7 @@ export class CameraPanel {
   open(scene, framing) {
     this.scene = scene;
     this.camera = { index: null, orbit: framing, aperture_radius: 0, blades: 0, focus_distance: null };
+    this.#found = null;
     const named = scene.cameras.map(({ name }, i) => [String(i), name ?? `Camera ${i + 1}`]);
     const options = [...named, [FREE, "Free orbit"]];
     this.view = new SelectField("View", { value: FREE, options }, (value) =>
@@ -62,13 +66,27 @@ export class CameraPanel {
   }
 
   get orbit() {
-    return this.camera.orbit;
+    return this.#found ? this.camera.orbit.with(this.#found) : this.camera.orbit;
   }
 
   /** Takes an orbit that came from elsewhere (a hand on the picture). */
   set orbit(orbit) {
+    this.#found = null;
     this.camera = { ...this.camera, index: null, orbit };
     this.#reflect();
+  }
+
+  /** Hears, in the `defaults` of a picture's report, where the server has put an orbit that it was to frame. */
+  hear(defaults) {
+    const value = (what) => defaults.find((taken) => taken.what === what)?.value;
+    const [target, distance] = [value("camera.target"), value("camera.orbit.distance")];
+    if (this.camera.orbit.framed && target && distance) this.#found = { target, distance };
+  }
+
+  /** From now on the camera stays where it is, whatever else changes. */
+  settle() {
+    this.camera = { ...this.camera, orbit: this.orbit };
+    this.#found = null;
   }
 
   #placed(index) {
@@ -76,6 +94,7 @@ export class CameraPanel {
   }
 
   #change(changes, live) {
+    if (changes.orbit) this.#found = null;
     this.camera = { ...this.camera, ...changes };
     this.#reflect();
     this.onChange(live);

@@ -38,8 +38,8 @@ export class Comparison {
     dialog.addEventListener("close", () => this.#forget());
   }
 
-  /** Opens with one picture; the other is a promise of a Blob of the same size. */
-  async open(traced, preview) {
+  /** Opens with one picture; the other is a promise of a Blob of the same size. `remark`: a sentence on the latter. */
+  async open(traced, preview, remark) {
     this.#forget();
     this.#opened += 1;
     const mine = this.#opened;
@@ -55,7 +55,7 @@ export class Comparison {
       if (gone()) return;
       Object.assign(this.canvas, { width: shown.width, height: shown.height });
       this.canvas.getContext("2d").putImageData(shown, 0, 0);
-      this.words.textContent = `They differ by ${mean.toFixed(1)} of 255 on average.`;
+      this.words.textContent = `They differ by ${mean.toFixed(1)} of 255 on average. ${remark}`;
     } catch (problem) {
       if (!gone()) this.words.textContent = `There is no preview: ${problem.message}`;
     }

@@ -1,6 +1,7 @@
 // Files from the hand: dropped anywhere on the page (folders too), or chosen.
 
 const MODEL = /\.(glb|gltf|zip)$/i;
+const HDRI = /\.(hdr|exr)$/i;
 
 /** All files under a dropped entry, as `{file, path}` with paths from the drop's top. */
 async function filesUnder(entry, prefix = "") {
@@ -24,6 +25,12 @@ function droppedFiles(transfer) {
   const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
   if (entries.length > 0) return Promise.all(entries.map((entry) => filesUnder(entry))).then((all) => all.flat());
   return Promise.resolve([...transfer.files].map((file) => ({ file, path: file.name })));
+}
+
+/** Pictures of environments, which are no parts of a glTF, and the other files. */
+export function withoutHdris(files) {
+  const isHdri = ({ path }) => HDRI.test(path);
+  return { hdris: files.filter(isHdri), others: files.filter((file) => !isHdri(file)) };
 }
 
 /**

@@ -37,7 +37,7 @@ export class EnvironmentPanel {
     this.#build();
   }
 
-  /** Shows an uploaded HDRI: `{id, name}`. */
+  /** Shows an uploaded HDRI: `{id, name, file}`. */
   set hdri(hdri) {
     this.#change({ kind: "hdri", hdri }, false);
     this.#build();

@@ -19,6 +19,7 @@ export class ExportBar {
       button.addEventListener("click", take[name]);
       return button;
     });
+    this.compareButton = this.buttons.at(-1);
     this.curlButton = element.querySelector(".curl");
     this.dialog = element.querySelector("dialog");
     this.text = this.dialog.querySelector("textarea");
@@ -28,9 +29,10 @@ export class ExportBar {
     this.dialog.querySelector(".close").addEventListener("click", () => this.dialog.close());
   }
 
-  /** Whether there is a finished picture. */
-  set ready(ready) {
+  /** Whether there is a finished picture, and whether it is traced, so that a preview is something else. */
+  offer(ready, isTraced) {
     for (const button of this.buttons) button.disabled = !ready;
+    this.compareButton.disabled = !(ready && isTraced);
   }
 
   /** Whether there is a scene to name. */

@@ -23,16 +23,38 @@ function group(label, ...controls) {
   );
 }
 
+/** An input that passes on valid numbers alone: of others it says what is wrong, and the number before counts. */
 function numberInput(attributes, onInput) {
   const input = el("input", { type: "number", step: "any", inputmode: "decimal", ...attributes });
   const tell = (live) => {
-    const valid = input.validity.valid && (input.value !== "" || !input.required);
-    input.setAttribute("aria-invalid", !valid);
-    if (valid) onInput(live);
+    if (judge(input)) onInput(live);
   };
   input.addEventListener("input", () => tell(true));
   input.addEventListener("change", () => tell(false));
   return input;
+}
+
+/** Whether an input holds what it should; if not, its field says why, in the words of the browser. */
+function judge(input) {
+  const valid = input.validity.valid;
+  input.setAttribute("aria-invalid", !valid);
+  const words = document.getElementById(input.getAttribute("aria-describedby"));
+  if (valid) {
+    words?.remove();
+    input.removeAttribute("aria-describedby");
+  } else if (words) {
+    words.textContent = input.validationMessage;
+  } else {
+    const id = newId();
+    input.closest(".field").append(el("p", { id, class: "fault" }, input.validationMessage));
+    input.setAttribute("aria-describedby", id);
+  }
+  return valid;
+}
+
+function setNumber(input, number) {
+  input.value = number;
+  judge(input);
 }
 
 /** A number; with `placeholder` it may be empty, and is then null. */
@@ -50,12 +72,15 @@ export class NumberField {
   }
 
   set value(value) {
-    this.input.value = value === null ? "" : tidy(value);
+    setNumber(this.input, value === null ? "" : tidy(value));
   }
 }
 
 /** A slider with a number beside it, which may go beyond the slider's ends. `log`: equal steps are equal ratios. */
 export class SliderField {
+  /** What was valid last. */
+  #value;
+
   constructor(label, { value, min, max, step = "any", log = false, lowest = min, highest, unit }, onInput) {
     const id = newId();
     this.toSlider = log ? Math.log2 : (x) => x;
@@ -68,11 +93,13 @@ export class SliderField {
       "aria-label": `${label}, slider`,
     });
     this.number = numberInput({ id, min: lowest, max: highest, required: true }, (live) => {
-      this.slider.value = this.toSlider(this.value);
+      this.#value = this.number.valueAsNumber;
+      this.#slide();
       onInput(this.value, live);
     });
     const slid = (live) => {
-      this.number.value = tidy(this.fromSlider(this.slider.valueAsNumber), 3);
+      this.#value = tidy(this.fromSlider(this.slider.valueAsNumber), 3);
+      setNumber(this.number, this.#value);
       onInput(this.value, live);
     };
     this.slider.addEventListener("input", () => slid(true));
@@ -82,12 +109,18 @@ export class SliderField {
   }
 
   get value() {
-    return this.number.valueAsNumber;
+    return this.#value;
   }
 
   set value(value) {
-    this.number.value = tidy(value);
-    this.slider.value = this.toSlider(value);
+    this.#value = value;
+    setNumber(this.number, tidy(value));
+    this.#slide();
+  }
+
+  /** The logarithm of 0 lies beyond every slider: it stands at its end then. */
+  #slide() {
+    this.slider.value = Math.max(this.toSlider(this.#value), Number(this.slider.min));
   }
 }
 
@@ -151,27 +184,38 @@ export class ColorField {
   }
 }
 
-/** A point: x, y, z. */
+/** A point: x, y, z; or what else has a number along some axes. */
 export class VectorField {
-  constructor(label, { value, step }, onInput) {
-    const tell = (live) => {
-      if (this.inputs.every((input) => input.value !== "")) onInput(this.value, live);
+  /** What was valid last. */
+  #value;
+
+  constructor(label, { value, step, axes = ["x", "y", "z"] }, onInput) {
+    const tell = (i, live) => {
+      this.#value = this.#value.with(i, this.inputs[i].valueAsNumber);
+      onInput(this.#value, live);
     };
-    this.inputs = ["x", "y", "z"].map((axis) =>
-      numberInput({ "aria-label": `${label} ${axis}`, step, title: axis, required: true }, tell),
-    );
+    this.inputs = axes.map((axis, i) => {
+      const named = { "aria-label": `${label} ${axis}`, step, title: axis, required: true };
+      return numberInput(named, (live) => tell(i, live));
+    });
     this.element = group(label, ...this.inputs);
     this.value = value;
   }
 
   get value() {
-    return this.inputs.map((input) => input.valueAsNumber);
+    return this.#value;
   }
 
   set value(value) {
-    this.inputs.forEach((input, i) => {
-      input.value = tidy(value[i], 4);
-    });
+    this.#value = value;
+    this.inputs.forEach((input, i) => setNumber(input, tidy(value[i], 4)));
+  }
+}
+
+/** Words among the fields. */
+export class Hint {
+  constructor(text) {
+    this.element = el("p", { class: "hint" }, text);
   }
 }
 

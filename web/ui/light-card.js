@@ -10,7 +10,7 @@ import {
   VectorField,
 } from "./fields.js";
 import { el } from "./dom.js";
-import { subtract, tidyAll } from "../math/vector.js";
+import { subtract, tidy, tidyAll } from "../math/vector.js";
 import { lightFields } from "../params.js";
 
 const KINDS = [
@@ -33,6 +33,10 @@ const AIMED = ["spot", "rect", "disk"];
 
 /** Degrees below which a sun is a point. */
 const SMALLEST_SUN = 0.01;
+
+/** Degrees between the cones, at the least. */
+const CONE_GAP = 0.1;
+const WIDEST_CONE = 90;
 
 /** Sliders reach this factor above and below a kind's usual intensity. */
 const REACH = 64;
@@ -91,8 +95,8 @@ export class LightCard {
           set("intensity"),
         ),
       range: () => new NumberField("Range", { value: light.range, min: 1e-6, placeholder: "infinite" }, set("range")),
-      inner_cone_degrees: () => this.#cone("Inner cone", "inner_cone_degrees", 0),
-      outer_cone_degrees: () => this.#cone("Outer cone", "outer_cone_degrees", 0.1),
+      inner_cone_degrees: () => this.#cone("Inner cone", "inner_cone_degrees", [0, WIDEST_CONE - CONE_GAP]),
+      outer_cone_degrees: () => this.#cone("Outer cone", "outer_cone_degrees", [CONE_GAP, WIDEST_CONE]),
       angular_diameter_degrees: () =>
         new SliderField(
           "Diameter",
@@ -121,16 +125,15 @@ export class LightCard {
   }
 
   /** The inner cone stays within the outer one. */
-  #cone(label, name, lowest) {
-    return new SliderField(
-      label,
-      { value: this.light[name], min: lowest, max: 90, highest: 90, unit: "°" },
-      (value, live) => {
-        const { inner_cone_degrees: inner, outer_cone_degrees: outer } = { ...this.light, [name]: value };
-        const other = name === "inner_cone_degrees" ? "outer_cone_degrees" : "inner_cone_degrees";
-        if (inner >= outer) this.fields[other].value = value;
-        this.#change({ [name]: value, ...(inner > outer && { [other]: value }) }, live);
-      },
-    );
+  #cone(label, name, [min, max]) {
+    const range = { value: this.light[name], min, max, highest: max, unit: "°" };
+    return new SliderField(label, range, (value, live) => {
+      const [other, limit] =
+        name === "inner_cone_degrees"
+          ? ["outer_cone_degrees", Math.max(this.light.outer_cone_degrees, tidy(value + CONE_GAP))]
+          : ["inner_cone_degrees", Math.min(this.light.inner_cone_degrees, tidy(value - CONE_GAP))];
+      if (this.light[other] !== limit) this.fields[other].value = limit;
+      this.#change({ [name]: value, [other]: limit }, live);
+    });
   }
 }

@@ -5,6 +5,8 @@ import { ErrorPlot } from "./error-plot.js";
 const percent = (x) => `${(x * 100).toPrecision(2)} %`;
 const STOPS = { max_samples: "all samples taken", target_error: "target error reached", deadline: "time is up" };
 
+const LOST = "Connection lost, trying again";
+
 /** A span of time for people. */
 function duration(seconds) {
   if (seconds < 1) return `${Math.round(seconds * 1000)} ms`;
@@ -23,6 +25,7 @@ function errorText(error, bound) {
 export class StatusBar {
   #started = 0;
   #clock = null;
+  #beforeLoss = "";
 
   /** `element` holds `.words`, a `progress`, `.cancel`, the numbers by `data-number` and the plot in `.convergence`. */
   constructor(element, onCancel) {
@@ -86,6 +89,19 @@ export class StatusBar {
     this.cancelButton.disabled = false;
   }
 
+  /** So many older jobs wait, too. */
+  queued(before) {
+    this.#tell(before === 0 ? "Queued: next" : `Queued: ${before} before it`);
+  }
+
+  /** Whether news of the render can come. */
+  connected(whether) {
+    const lost = this.words.textContent === LOST;
+    if (whether === !lost) return;
+    if (!whether) this.#beforeLoss = this.words.textContent;
+    this.#tell(whether ? this.#beforeLoss : LOST);
+  }
+
   progress({ fraction, samples, error, error_bound_95: bound, eta_seconds: eta }) {
     this.#write({ samples: String(samples), error: errorText(error, bound) });
     this.plot.add((performance.now() - this.#started) / 1000, error);
@@ -94,16 +110,17 @@ export class StatusBar {
   }
 
   started({ device }) {
+    this.#tell("Rendering");
     this.#write({ device });
   }
 
-  /** The numbers of a finished render: time is the server's, from queue to file. */
-  done(report) {
+  /** The numbers of a finished render: time is the server's, from queue to file. `cached`: it is one of before. */
+  done(report, cached) {
     const { seconds } = report;
     const time = total(seconds);
     this.plot.add(time, report.error);
     this.#run(false, 1);
-    this.#tell(`Done: ${STOPS[report.stop_reason] ?? report.stop_reason}`);
+    this.#tell(`Done: ${STOPS[report.stop_reason] ?? report.stop_reason}${cached ? " (kept from before)" : ""}`);
     this.#write({
       samples: String(report.samples),
       error: errorText(report.error, report.error_bound_95),

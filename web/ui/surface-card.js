@@ -16,8 +16,11 @@ const METHODS = [
   ["offset_limited", "Offset, limited"],
 ];
 
-/** Sliders reach this factor above and below where a value begins. */
+/** Sliders reach this factor above and below what is usual for the scene. */
 const REACH = 32;
+
+/** Less is nothing that a picture shows. */
+const SMALLEST = 1e-6;
 
 class SurfaceCard {
   constructor(surface, { title, number, onChange, onFile, onRemove }) {
@@ -49,7 +52,7 @@ class SurfaceCard {
     return new SliderField(label, { value: this.surface[name], min: 0, max: 1, highest: 1 }, this.set(name));
   }
 
-  /** An optional value between 0 and 1. */
+  /** An optional value between 0 and `max`. */
   optional(label, name, placeholder, max = 1) {
     return new NumberField(label, { value: this.surface[name], min: 0, max, placeholder }, this.set(name));
   }
@@ -57,20 +60,31 @@ class SurfaceCard {
   build() {
     const { surface } = this;
     const detail = new SelectField("Detail", { value: surface.detail, options: DETAILS }, (value) => {
-      this.change({ detail: value, ...(value === "normal" && { scale: 1 }) }, false);
+      const isOther = (value === "normal") !== (surface.detail === "normal");
+      this.change({ detail: value, ...(isOther && { scale: this.#usualScale(value) }) }, false);
       this.build();
       this.body.querySelector("[data-field=detail] select").focus();
     });
     detail.element.dataset.field = "detail";
     const fields = [...this.values(), this.#file("Texture", "texture"), detail.element];
     if (surface.detail !== "none") fields.push(...this.#relief());
+    if (surface.texture || (surface.detail !== "none" && surface.relief)) {
+      const tiling = { value: surface.tiling, axes: ["u", "v"] };
+      fields.push(new VectorField("Tiling", tiling, this.set("tiling")).element);
+    }
     this.body.replaceChildren(...fields);
+  }
+
+  /** Of a normal map it is a factor, of others a length. */
+  #usualScale(detail) {
+    return detail === "normal" ? 1 : this.surface.usual.relief;
   }
 
   #relief() {
     const { surface } = this;
+    const middle = this.#usualScale(surface.detail);
     const label = { height: "Height", normal: "Strength", parallax: "Depth" }[surface.detail];
-    const scale = { value: surface.scale, min: surface.scale / REACH, max: surface.scale * REACH, log: true, lowest: 0 };
+    const scale = { value: surface.scale, min: middle / REACH, max: middle * REACH, log: true, lowest: 0 };
     const fields = [this.#file("Map", "relief"), new SliderField(label, scale, this.set("scale")).element];
     if (surface.detail === "parallax") {
       const method = { value: surface.method, options: METHODS };
@@ -120,22 +134,26 @@ export class SphereCard extends SurfaceCard {
 
   values() {
     const { surface } = this;
-    const radius = { value: surface.radius, min: surface.radius / REACH, max: surface.radius * REACH, log: true };
+    const { radius: usual } = surface.usual;
+    const radius = { value: surface.radius, min: usual / REACH, max: usual * REACH, log: true, lowest: SMALLEST };
     return [
       new VectorField("Centre", { value: surface.center }, this.set("center")),
       new SliderField("Radius", radius, this.set("radius")),
       new ColorField("Colour", { value: surface.color }, this.set("color")),
       this.part("Metallic", "metallic"),
       this.part("Roughness", "roughness"),
+      this.optional("Shininess", "shininess", "by roughness", 1e6),
       this.optional("Reflectivity", "reflectivity", "0.04", 0.999),
     ].map(({ element }) => element);
   }
 }
 
 export class OverrideCard extends SurfaceCard {
-  constructor(override, { names, ...options }) {
+  /** `names`: those to choose from; `onRename()` is called after another was chosen. */
+  constructor(override, { names, onRename, ...options }) {
     super(override, { title: "Material", ...options });
     this.names = names;
+    this.onRename = onRename;
     this.build();
   }
 
@@ -147,7 +165,10 @@ export class OverrideCard extends SurfaceCard {
       this.build();
     });
     return [
-      new SelectField("Material", { value: surface.material, options: names }, this.set("material")),
+      new SelectField("Material", { value: surface.material, options: names }, (material) => {
+        this.change({ material }, false);
+        this.onRename();
+      }),
       own,
       ...(surface.color ? [new ColorField("Colour", { value: surface.color }, this.set("color"))] : []),
       this.optional("Metallic", "metallic", "file’s"),

@@ -1,22 +1,28 @@
 // Spheres of the request, and other values for materials of the file; each with its maps.
 
-import { el } from "./dom.js";
+import { el, newId } from "./dom.js";
 import { OverrideCard, SphereCard } from "./surface-card.js";
 import { boundingSphere } from "../math/orbit.js";
-import { tidy, tidyAll } from "../math/vector.js";
+import { add, tidy, tidyAll } from "../math/vector.js";
 
-/** What every surface may have. `texture` and `relief`: uploaded pictures, `{id, name}`. */
-const MAPS = { texture: null, detail: "none", relief: null, scale: 1, method: "relief", self_shadow: false };
+/** What every surface may have. `texture` and `relief`: uploaded pictures, `{id, name, file}`. */
+const MAPS = { texture: null, detail: "none", relief: null, scale: 1, method: "relief", self_shadow: false, tiling: [1, 1] };
 
-/** A list of cards with a button that adds one. */
+/** New spheres stand in rows of so many, so far apart (in radii). */
+const ROW = 5;
+const APART = 2.2;
+
+/** A list of cards with a button that adds one. `make`: an `item`, its `card`, and a `refusal` that says why no other can be added. */
 class SurfaceList {
   constructor(element, { name, add, make }, onChange) {
     this.items = [];
     this.make = make;
     this.tell = onChange;
     this.list = el("ul", { class: "cards", "aria-label": name });
-    this.addButton = el("button", { type: "button", onclick: () => this.#add() }, add);
-    element.append(this.list, el("div", { class: "row" }, this.addButton));
+    this.hint = el("p", { class: "hint", id: newId() });
+    const named = { type: "button", "aria-describedby": this.hint.id, onclick: () => this.#add() };
+    this.addButton = el("button", named, add);
+    element.append(this.list, el("div", { class: "row" }, this.addButton), this.hint);
   }
 
   /** Begins anew with a scene. */
@@ -40,40 +46,67 @@ class SurfaceList {
     this.tell(false);
   }
 
+  /** Draws all cards anew after one got another name, as what the others may choose from has changed. */
+  #rename(item) {
+    this.#draw();
+    this.list.children[this.items.indexOf(item)].querySelector("select").focus();
+  }
+
   #draw() {
     const cards = this.items.map((item, i) =>
-      this.make.card(item, { number: i + 1, scene: this.scene, onRemove: () => this.#remove(item) }),
+      this.make.card(item, {
+        number: i + 1,
+        scene: this.scene,
+        items: this.items,
+        onRename: () => this.#rename(item),
+        onRemove: () => this.#remove(item),
+      }),
     );
     this.list.replaceChildren(...cards.map(({ element }) => element));
     this.list.hidden = cards.length === 0;
-    this.addButton.disabled = !this.make.possible(this.scene);
+    const refusal = this.make.refusal(this.scene, this.items);
+    this.addButton.disabled = Boolean(refusal);
+    this.hint.textContent = refusal;
+    this.hint.hidden = !refusal;
   }
 }
 
-/** Spheres; `onFile(file)` uploads a map and answers `{id, name}`, or nothing if that fails. */
+/** The first place of some rows in front of the scene where no sphere was put yet. */
+function freePlace(scene, spheres, size) {
+  const { center, radius } = boundingSphere(scene.bounds);
+  const place = (n) => {
+    const [across, up] = [n % ROW, Math.floor(n / ROW)].map((steps) => steps * APART * size);
+    return tidyAll(add(center, [across, up, radius]), 3);
+  };
+  const taken = new Set(spheres.map((sphere) => String(sphere.center)));
+  let n = 0;
+  while (taken.has(String(place(n)))) n += 1;
+  return place(n);
+}
+
+/** Spheres; `onFile(file)` uploads a map and answers `{id, name, file}`, or nothing if that fails. */
 export function sphereList(element, onChange, onFile) {
   const item = (scene, spheres) => {
-    const { center, radius } = boundingSphere(scene.bounds);
-    const size = tidy(radius / 3, 2);
-    // Side by side in front of the scene.
-    const [x, y, z] = center;
-    const place = [x + (spheres.length % 5) * 2.2 * size, y, z + radius];
+    const size = tidy(boundingSphere(scene.bounds).radius / 3, 2);
+    const relief = tidy(size / 10, 2);
     return {
       on: true,
-      center: tidyAll(place, 3),
+      usual: { radius: size, relief },
+      center: freePlace(scene, spheres, size),
       radius: size,
       color: [0.8, 0.8, 0.8],
       metallic: 0,
       roughness: 0.5,
       reflectivity: null,
+      shininess: null,
       ...MAPS,
-      scale: tidy(size / 10, 2),
+      scale: relief,
     };
   };
   const card = (sphere, options) => new SphereCard(sphere, { ...options, onChange, onFile });
   return new SurfaceList(
     element,
-    { name: "Spheres", add: "Add sphere", make: { item, card, possible: () => true } },
+    { name: "Spheres", add: "Add sphere", make: { item, card, refusal: () => "" } },
     onChange,
   );
 }
@@ -81,28 +114,38 @@ export function sphereList(element, onChange, onFile) {
 /** Names of the file's materials, each once. */
 const materialNames = (scene) => [...new Set(scene.materials.map(({ name }) => name).filter((name) => name))];
 
+/** Those that no other card changes. */
+const freeNames = (scene, others) =>
+  materialNames(scene).filter((name) => !others.some(({ material }) => material === name));
+
+function refusal(scene, overrides) {
+  if (scene.materials.length === 0) return "This file has no materials.";
+  if (materialNames(scene).length === 0) return "The materials of this file have no names, by which to tell them apart.";
+  return freeNames(scene, overrides).length === 0 ? "Each named material has its card." : "";
+}
+
 /** Overrides of materials. */
 export function overrideList(element, onChange, onFile) {
   const item = (scene, overrides) => {
-    const names = materialNames(scene);
-    const free = names.find((name) => !overrides.some(({ material }) => material === name));
-    const scale = tidy(boundingSphere(scene.bounds).radius / 50, 2);
+    const relief = tidy(boundingSphere(scene.bounds).radius / 50, 2);
     return {
       on: true,
-      material: free ?? names[0],
+      usual: { relief },
+      material: freeNames(scene, overrides)[0],
       color: null,
       metallic: null,
       roughness: null,
       ...MAPS,
-      scale,
+      scale: relief,
     };
   };
-  const card = (override, options) =>
-    new OverrideCard(override, { ...options, names: materialNames(options.scene), onChange, onFile });
-  const possible = (scene) => materialNames(scene).length > 0;
+  const card = (override, { scene, items, ...options }) => {
+    const others = items.filter((other) => other !== override);
+    return new OverrideCard(override, { ...options, names: freeNames(scene, others), onChange, onFile });
+  };
   return new SurfaceList(
     element,
-    { name: "Materials", add: "Change a material", make: { item, card, possible } },
+    { name: "Materials", add: "Change a material", make: { item, card, refusal } },
     onChange,
   );
 }
