@@ -240,7 +240,10 @@ class Controller {
       accepted: () => this.status.begin(),
       queued: (before) => this.status.queued(before),
       connected: (whether) => this.status.connected(whether),
-      started: (news) => this.status.started(news),
+      started: (news) => {
+        this.#sentAgain = false;
+        this.status.started(news);
+      },
       progress: (progress) => this.status.progress(progress),
       picture: (blob) => this.viewport.show(blob, `Render of ${this.files[0].path}`),
       done: (id, report, blob, cached) => this.#done(id, report, blob, cached),

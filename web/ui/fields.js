@@ -24,8 +24,8 @@ function group(label, ...controls) {
 }
 
 /** An input that passes on valid numbers alone: of others it says what is wrong, and the number before counts. */
-function numberInput(attributes, onInput) {
-  const input = el("input", { type: "number", step: "any", inputmode: "decimal", ...attributes });
+function numberInput({ step = "any", ...attributes }, onInput) {
+  const input = el("input", { type: "number", step, inputmode: "decimal", ...attributes });
   const tell = (live) => {
     if (judge(input)) onInput(live);
   };
@@ -189,13 +189,13 @@ export class VectorField {
   /** What was valid last. */
   #value;
 
-  constructor(label, { value, step, axes = ["x", "y", "z"] }, onInput) {
+  constructor(label, { value, axes = ["x", "y", "z"] }, onInput) {
     const tell = (i, live) => {
       this.#value = this.#value.with(i, this.inputs[i].valueAsNumber);
       onInput(this.#value, live);
     };
     this.inputs = axes.map((axis, i) => {
-      const named = { "aria-label": `${label} ${axis}`, step, title: axis, required: true };
+      const named = { "aria-label": `${label} ${axis}`, title: axis, required: true };
       return numberInput(named, (live) => tell(i, live));
     });
     this.element = group(label, ...this.inputs);

@@ -53,7 +53,7 @@ const PATHS = [
 const WHOLE = { step: 1 };
 
 const BIAS = { min: 0, max: 1000, unit: "texels" };
-const RADIUS = { min: 0, max: 256, placeholder: "by taps", unit: "texels" };
+const RADIUS = { min: 0, max: 256, placeholder: "auto", unit: "texels" };
 
 const isDirect = (settings) => settings.mode === "direct";
 const isPhong = (settings) => isDirect(settings) && settings["direct.shading"] === "phong";

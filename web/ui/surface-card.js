@@ -142,7 +142,7 @@ export class SphereCard extends SurfaceCard {
       new ColorField("Colour", { value: surface.color }, this.set("color")),
       this.part("Metallic", "metallic"),
       this.part("Roughness", "roughness"),
-      this.optional("Shininess", "shininess", "by roughness", 1e6),
+      this.optional("Shininess", "shininess", "none", 1e6),
       this.optional("Reflectivity", "reflectivity", "0.04", 0.999),
     ].map(({ element }) => element);
   }
