@@ -267,7 +267,8 @@ class Controller {
     this.#light.learn(this.scene, this.#params(), report.defaults);
     // What processors have traced was no draft's fault: there is no device at all, rather than one that was lost for a while.
     if (this.#undrawn && report.engine === "cpu") this.#traceDrafts();
-    this.notices.report({ ...report, warnings: [...report.warnings, ...(this.#noPreviews ? [NO_PREVIEWS] : [])] });
+    const more = this.#noPreviews && this.settings.moving === "traced" ? [NO_PREVIEWS] : [];
+    this.notices.report({ ...report, warnings: [...report.warnings, ...more] });
   }
 
   /** A server that forgot what it was sent (a restart, or too many scenes) gets it once more. */

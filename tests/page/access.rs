@@ -48,6 +48,22 @@ pub fn it_is_accessible(page: &mut Browser, axe: &Axe) {
     page.eval("document.querySelector('main > button').remove()");
 }
 
+/// Names of files may be of any length.
+pub fn long_names_widen_nothing(page: &mut Browser) {
+    page.eval(
+        "(() => {
+            const names = [...document.querySelectorAll('#model-name, .file-name')];
+            window.before = names.map((name) => [name, name.textContent]);
+            for (const name of names) name.textContent = 'n'.repeat(300);
+        })()",
+    );
+    let wider = page.eval(
+        "[document.documentElement, document.querySelector('.panels')].map((e) => e.scrollWidth - e.clientWidth)",
+    );
+    assert_eq!(wider, serde_json::json!([0, 0]), "the page and its panels fit their width");
+    page.eval("for (const [name, text] of window.before) name.textContent = text");
+}
+
 pub fn it_fits_a_phone(page: &mut Browser, axe: &Axe) {
     page.emulate(390, 844, true, "dark");
     page.wait_for("innerWidth === 390");

@@ -126,6 +126,15 @@ impl Browser {
         self.wait_for("document.readyState === 'complete' && location.protocol !== 'about:'");
     }
 
+    /// Goes back in the history of the tab.
+    pub fn back(&mut self) {
+        let history = self.call("Page.getNavigationHistory", json!({}));
+        let here = history["currentIndex"].as_u64().expect("a place in the history") as usize;
+        self.call("Page.navigateToHistoryEntry", json!({ "entryId": history["entries"][here - 1]["id"] }));
+        // The page there is shown by and by.
+        std::thread::sleep(Duration::from_secs(1));
+    }
+
     /// Value of an expression in the page.
     pub fn eval(&mut self, expression: &str) -> Value {
         let params = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
@@ -134,11 +143,11 @@ impl Browser {
         reply["result"]["value"].take()
     }
 
-    /// Waits until an expression is true.
+    /// Waits until an expression, or what it promises, is true.
     pub fn wait_for(&mut self, condition: &str) {
         const PATIENCE: Duration = Duration::from_secs(120);
         let start = Instant::now();
-        while self.eval(&format!("Boolean({condition})")) != json!(true) {
+        while self.eval(&format!("Promise.resolve({condition}).then(Boolean)")) != json!(true) {
             if start.elapsed() > PATIENCE {
                 self.screenshot("failure");
                 let status = self.eval("document.querySelector('#status')?.innerText");

@@ -2,6 +2,7 @@
 
 use crate::browser::Browser;
 use crate::controls::*;
+use crate::server::Server;
 use std::path::Path;
 
 pub fn a_render_can_be_cancelled(page: &mut Browser) {
@@ -78,6 +79,65 @@ pub fn a_server_that_cannot_is_asked_a_few_times(page: &mut Browser) {
     set(page, "max_samples", SAMPLES);
     wait_until_done(page);
     assert_eq!(page.eval("document.querySelector('#alert').hidden"), true, "a picture that came clears the fault");
+}
+
+/// A browser has six connections to a server for all its tabs: those that nobody sees must not take them.
+pub fn a_page_out_of_sight_holds_no_connection(page: &mut Browser) {
+    let show = |hidden: bool| {
+        format!(
+            "(() => {{
+                Object.defineProperty(document, 'hidden', {{ configurable: true, value: {hidden} }});
+                document.dispatchEvent(new Event('visibilitychange'));
+            }})()"
+        )
+    };
+    let listeners = |count: u32| {
+        format!(
+            "fetch('/metrics').then((reply) => reply.text()).then((all) => all.includes('\ncandela_http_event_streams {count}\n'))"
+        )
+    };
+    set(page, "max_samples", 1_000_000);
+    page.wait_for(&listeners(1));
+    page.eval(&show(true));
+    page.wait_for(&listeners(0));
+    page.eval(&show(false));
+    page.wait_for(&listeners(1));
+    page.eval("delete document.hidden");
+    set(page, "max_samples", SAMPLES);
+    wait_until_done(page);
+}
+
+/// The scene and the maps are sent once more, and previews stay on.
+pub fn a_server_that_forgot_is_sent_everything_again(page: &mut Browser, server: &mut Server) {
+    server.restart();
+    page.eval("document.querySelector('#viewport').focus()");
+    page.key("ArrowLeft", 37);
+    wait_until_done(page);
+    assert_eq!(page.eval("document.querySelector('#alert').hidden"), true, "nothing is amiss");
+    assert_eq!(text(page, "document.querySelector('[data-setting=moving] select').value"), "preview");
+    server.restart();
+    click(page, ".compare");
+    page.wait_for("document.querySelector('#comparison [role=status]').textContent.startsWith('They differ')");
+    click(page, "#comparison .close");
+}
+
+/// The browser may keep the page as it was when it was left: the render that was cancelled then is begun anew.
+pub fn who_comes_back_sees_the_render_go_on(page: &mut Browser, origin: &str) {
+    const NEWEST: &str =
+        "fetch('/v1/jobs?limit=1').then((reply) => reply.json()).then(({ items: [{ state }] }) => state)";
+    set(page, "max_samples", 1_000_000);
+    page.wait_for(&format!("{NEWEST}.then((state) => state === 'running')"));
+    page.open(&format!("{origin}/docs"));
+    page.wait_for(&format!("{NEWEST}.then((state) => state === 'cancelled')"));
+    page.back();
+    page.wait_for("document.querySelector('#model-name')?.textContent.includes('.gl')");
+    if page.eval("document.querySelector('#model-name').textContent") != "box.gltf" {
+        eprintln!("SKIPPED: this browser did not keep the page that was left");
+        return;
+    }
+    page.wait_for(&format!("{NEWEST}.then((state) => state === 'running')"));
+    set(page, "max_samples", SAMPLES);
+    wait_until_done(page);
 }
 
 fn open_broken_file(page: &mut Browser, folder: &Path) {

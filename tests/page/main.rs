@@ -26,7 +26,7 @@ fn a_visitor_goes_from_a_dropped_model_to_a_picture_and_its_command() {
     };
     let folder = tempfile::tempdir().expect("a folder for the model");
     let [gltf, bin] = model::write(folder.path());
-    let server = Server::start(&[]);
+    let mut server = Server::start(&[]);
     let axe = Axe::new();
     let mut page = Browser::start(program, 1360, 850);
     page.emulate(1360, 850, false, "light");
@@ -36,7 +36,9 @@ fn a_visitor_goes_from_a_dropped_model_to_a_picture_and_its_command() {
     axe.finds_nothing(&mut page, "the first look");
     page.drop_files(MIDDLE, &[&gltf, &bin]);
     scene::the_model_is_rendered(&mut page);
+    scene::the_file_s_variant_and_other_scene_are_shown(&mut page);
     scene::a_light_changes_the_picture(&mut page);
+    scene::an_emptied_field_says_so_and_keeps_its_number(&mut page);
     scene::the_camera_turns(&mut page);
     scene::an_animation_moves_the_model(&mut page);
     previews::previews_follow_a_hand(&mut page);
@@ -46,15 +48,38 @@ fn a_visitor_goes_from_a_dropped_model_to_a_picture_and_its_command() {
     command::the_command_makes_the_same_picture(&mut page, folder.path());
     access::everything_is_reached_by_keys(&mut page);
     access::it_is_accessible(&mut page, &axe);
+    access::long_names_widen_nothing(&mut page);
     access::it_fits_a_phone(&mut page, &axe);
     faults::nothing_is_amiss(&mut page, &server.origin);
     faults::faults_are_told(&mut page, folder.path());
     axe.finds_nothing(&mut page, "a fault");
     faults::a_broken_file_leaves_the_render_alone(&mut page, folder.path());
     faults::a_server_that_cannot_is_asked_a_few_times(&mut page);
+    previews::a_refused_draft_leaves_previews_on(&mut page);
+    faults::a_page_out_of_sight_holds_no_connection(&mut page);
+    faults::a_server_that_forgot_is_sent_everything_again(&mut page, &mut server);
+    faults::who_comes_back_sees_the_render_go_on(&mut page, &server.origin);
     page.open(&format!("{}/docs", server.origin));
     page.wait_for("document.querySelectorAll('main h2').length > 2");
     axe.finds_nothing(&mut page, "the reference of the API");
+}
+
+/// Where drivers are found by other means than files, they cannot be hidden.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_visitor_of_a_server_without_graphics_sees_traced_drafts() {
+    let Some(program) = browser::find() else {
+        eprintln!(
+            "SKIPPED: drafts without graphics are not tested, as no Chromium is installed (apt-get install chromium)"
+        );
+        return;
+    };
+    let server = Server::without_graphics();
+    let mut page = Browser::start(program, 1360, 850);
+    page.emulate(1360, 850, false, "light");
+    page.open(&server.origin);
+    scene::the_demo_is_rendered(&mut page);
+    previews::drafts_are_traced_where_nothing_can_draw(&mut page);
 }
 
 #[test]

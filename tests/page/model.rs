@@ -1,4 +1,4 @@
-//! A small model of two files, written for the test: a box that can turn, `box.gltf` and `box.bin`.
+//! A small model of two files, written for the test: a box that can turn, `box.gltf` and `box.bin`. It has a variant, and a second scene.
 
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -31,10 +31,20 @@ pub fn write(folder: &Path) -> [PathBuf; 2] {
     let json = json!({
         "asset": { "version": "2.0" },
         "scene": 0,
-        "scenes": [{ "nodes": [0] }],
-        "nodes": [{ "mesh": 0 }],
-        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": 0 }] }],
-        "materials": [{ "name": "paint", "pbrMetallicRoughness": { "baseColorFactor": [0.2, 0.4, 0.8, 1], "metallicFactor": 0 } }],
+        "scenes": [{ "nodes": [0] }, { "nodes": [1], "name": "tower" }],
+        "nodes": [{ "mesh": 0 }, { "mesh": 0, "translation": [9, 0, 0], "scale": [1, 3, 1] }],
+        "meshes": [{ "primitives": [{
+            "attributes": { "POSITION": 0 },
+            "indices": 1,
+            "material": 0,
+            "extensions": { "KHR_materials_variants": { "mappings": [{ "material": 1, "variants": [0] }] } },
+        }] }],
+        "materials": [
+            { "name": "paint", "pbrMetallicRoughness": { "baseColorFactor": [0.2, 0.4, 0.8, 1], "metallicFactor": 0 } },
+            { "name": "rust", "pbrMetallicRoughness": { "baseColorFactor": [0.6, 0.2, 0.1, 1], "metallicFactor": 0 } },
+        ],
+        "extensionsUsed": ["KHR_materials_variants"],
+        "extensions": { "KHR_materials_variants": { "variants": [{ "name": "rusty" }] } },
         "accessors": [
             { "bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3",
               "min": [-0.5, -0.5, -0.5], "max": [0.5, 0.5, 0.5] },

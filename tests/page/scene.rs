@@ -25,6 +25,25 @@ pub fn the_model_is_rendered(page: &mut Browser) {
     page.screenshot("model");
 }
 
+/// A scene of the file that nobody has described to the page is seen whole all the same.
+pub fn the_file_s_variant_and_other_scene_are_shown(page: &mut Browser) {
+    let usual = pixels(page);
+    choose_option(page, "[data-setting=variant] select", "0");
+    wait_until_done(page);
+    assert!(difference(&usual, &pixels(page)) > CHANGED, "the variant has another paint");
+    choose_option(page, "[data-setting=variant] select", "usual");
+    choose_option(page, "[data-setting=scene] select", "1");
+    wait_until_done(page);
+    let tower = pixels(page);
+    assert!(difference(&usual, &tower) > CHANGED, "the other scene differs");
+    assert!(spread(&tower) > 5.0, "the tower, which stands elsewhere, is in the picture");
+    page.screenshot("other-scene");
+    choose_option(page, "[data-setting=scene] select", "0");
+    wait_until_done(page);
+    assert_eq!(difference(&usual, &pixels(page)), 0.0, "the first scene is back");
+    assert!(text(page, "document.querySelector('#status .words').textContent").contains("kept from before"));
+}
+
 pub fn a_light_changes_the_picture(page: &mut Browser) {
     let before = pixels(page);
     click(page, "#lights .row button");
@@ -48,6 +67,31 @@ pub fn a_light_changes_the_picture(page: &mut Browser) {
         page.screenshot(&format!("light-{kind}"));
     }
     choose_option(page, "#lights .card select", "spot");
+    wait_until_done(page);
+}
+
+/// Of a light's two angles one is emptied: the field says that it misses something, and the other one turns the light.
+pub fn an_emptied_field_says_so_and_keeps_its_number(page: &mut Browser) {
+    let before = pixels(page);
+    let change = |place: &str, kind: &str, value: &str| {
+        format!(
+            "(() => {{
+                const [around, above] = document.querySelectorAll('#lights .card .fields .fields .field');
+                const input = {place}.querySelector('input[type={kind}]');
+                input.value = '{value}';
+                for (const name of ['input', 'change']) input.dispatchEvent(new Event(name, {{ bubbles: true }}));
+            }})()"
+        )
+    };
+    let kept = page.eval("document.querySelector('#lights .card .fields .fields input[type=number]').value");
+    page.eval(&change("around", "number", ""));
+    let words = "document.querySelector('#lights .fault')?.textContent.length ?? 0";
+    assert!(page.eval(words).as_u64() > Some(5), "the empty field is told of");
+    page.eval(&change("above", "range", "80"));
+    wait_until_done(page);
+    assert!(difference(&before, &pixels(page)) > CHANGED / 10.0, "the light comes from elsewhere");
+    page.eval(&change("around", "number", kept.as_str().expect("a number in a field")));
+    assert_eq!(page.eval(words), 0, "a number that is taken ends the words");
     wait_until_done(page);
 }
 

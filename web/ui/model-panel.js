@@ -19,24 +19,21 @@ export class ModelPanel {
   open({ scenes, default_scene: usual, variants }) {
     this.model = { scene: null, variant: null };
     this.section.hidden = scenes.length < 2 && variants.length === 0;
-    const fields = [];
+    const fields = {};
     if (scenes.length > 1) {
       const options = scenes.map(({ index, name }) => [String(index), name ?? `Scene ${index + 1}`]);
-      fields.push(
-        new SelectField("Scene", { value: String(usual), options }, (value) =>
-          this.#change({ scene: Number(value) === usual ? null : Number(value) }, true),
-        ),
+      fields.scene = new SelectField("Scene", { value: String(usual), options }, (value) =>
+        this.#change({ scene: Number(value) === usual ? null : Number(value) }, true),
       );
     }
     if (variants.length > 0) {
       const options = [[USUAL, "None"], ...variants.map((name, i) => [String(i), name])];
-      fields.push(
-        new SelectField("Variant", { value: USUAL, options }, (value) =>
-          this.#change({ variant: variants[value] ?? null }, false),
-        ),
+      fields.variant = new SelectField("Variant", { value: USUAL, options }, (value) =>
+        this.#change({ variant: variants[value] ?? null }, false),
       );
     }
-    this.element.replaceChildren(...fields.map(({ element }) => element));
+    for (const [name, { element }] of Object.entries(fields)) element.dataset.setting = name;
+    this.element.replaceChildren(...Object.values(fields).map(({ element }) => element));
   }
 
   #change(changes, isOtherScene) {
