@@ -64,8 +64,6 @@ fn a_visitor_goes_from_a_dropped_model_to_a_picture_and_its_command() {
     axe.finds_nothing(&mut page, "the reference of the API");
 }
 
-/// Where drivers are found by other means than files, they cannot be hidden.
-#[cfg(target_os = "linux")]
 #[test]
 fn a_visitor_of_a_server_without_graphics_sees_traced_drafts() {
     let Some(program) = browser::find() else {
@@ -74,6 +72,10 @@ fn a_visitor_of_a_server_without_graphics_sees_traced_drafts() {
         );
         return;
     };
+    if !cfg!(target_os = "linux") {
+        eprintln!("SKIPPED: drafts without graphics are not tested, as only drivers that files name can be hidden");
+        return;
+    }
     let server = Server::without_graphics();
     let mut page = Browser::start(program, 1360, 850);
     page.emulate(1360, 850, false, "light");

@@ -92,6 +92,7 @@ pub fn an_emptied_field_says_so_and_keeps_its_number(page: &mut Browser) {
     assert!(difference(&before, &pixels(page)) > CHANGED / 10.0, "the light comes from elsewhere");
     page.eval(&change("around", "number", kept.as_str().expect("a number in a field")));
     assert_eq!(page.eval(words), 0, "a number that is taken ends the words");
+    click(page, "#lights .card .fields > button");
     wait_until_done(page);
 }
 
