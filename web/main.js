@@ -249,7 +249,10 @@ class Controller {
       done: (id, report, blob, cached) => this.#done(id, report, blob, cached),
       cancelled: () => this.status.say("Cancelled"),
       failed: (problem) => this.#failed(problem),
-      drafted: (report) => this.status.drafted(report),
+      drafted: (report) => {
+        this.#undrawn = false;
+        this.status.drafted(report);
+      },
       draftFailed: (problem) => {
         this.#undrawn = problem.code === NO_DEVICE;
       },

@@ -64,10 +64,11 @@ export class Orbit {
     return this.with({ target: add(this.target, add(scale(right, -dx * height), scale(up, dy * height))) });
   }
 
-  /** Comes `factor` times as near to a scene of this radius. */
+  /** Comes `factor` times as near to a scene of this radius; who is beyond a limit already comes no further. */
   zoomed(factor, radius) {
-    const distance = Math.min(Math.max(this.distance / factor, NEAREST * radius), FARTHEST * radius);
-    return this.with({ distance });
+    const nearest = Math.min(NEAREST * radius, this.distance);
+    const farthest = Math.max(FARTHEST * radius, this.distance);
+    return this.with({ distance: Math.min(Math.max(this.distance / factor, nearest), farthest) });
   }
 
   /** The API's camera. */
