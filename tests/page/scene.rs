@@ -161,7 +161,7 @@ pub fn spheres_and_materials_change_the_picture(page: &mut Browser, folder: &Pat
     click(page, "#materials .row button");
     click(page, "#materials .card .fields .check input");
     differs_after(page, "another colour", CHANGED);
-    click(page, "#spheres .row:last-child button");
+    click(page, "#spheres > .row button");
     differs_after(page, "a second sphere", CHANGED / 50.0);
     click(page, "#spheres .card:last-child .card-head button");
     differs_after(page, "its removal", CHANGED / 50.0);
