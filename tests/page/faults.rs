@@ -93,7 +93,7 @@ pub fn a_page_out_of_sight_holds_no_connection(page: &mut Browser) {
     };
     let listeners = |count: u32| {
         format!(
-            "fetch('/metrics').then((reply) => reply.text()).then((all) => all.includes('\ncandela_http_event_streams {count}\n'))"
+            "fetch('/metrics').then((reply) => reply.text()).then((all) => all.includes('\\ncandela_http_event_streams {count}\\n'))"
         )
     };
     set(page, "max_samples", 1_000_000);
