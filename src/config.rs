@@ -15,7 +15,7 @@ use std::time::Duration;
 const LONGEST: u64 = 1_000_000_000;
 
 /// Variables that the program and its tests read besides the settings of `serve`.
-const NO_SETTINGS: [&str; 10] = [
+const NO_SETTINGS: [&str; 11] = [
     "CANDELA_KEY",
     "CANDELA_FUZZ",
     "CANDELA_FUZZ_SEED",
@@ -26,6 +26,7 @@ const NO_SETTINGS: [&str; 10] = [
     "CANDELA_STREAMS",
     "CANDELA_CANCELS",
     "CANDELA_LONG",
+    "CANDELA_PEERS",
 ];
 
 /// Writes the table of limits once: field, default, environment variable and, of times, the range.

@@ -2,7 +2,7 @@
 //! is that process. What it has read well is then read here, in the same way.
 
 use super::problem::{Code, Problem};
-use crate::process::restrict_memory;
+use crate::process::{read_frame, restrict_memory, write_frame};
 use crate::scene::{self, Limits, Package};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
@@ -54,8 +54,7 @@ impl Trial {
             // A process that does not read is not waited for.
             std::thread::spawn(move || -> io::Result<()> {
                 let task = postcard::to_stdvec(&task).map_err(io::Error::other)?;
-                input.write_all(&(task.len() as u64).to_le_bytes())?;
-                input.write_all(&task)?;
+                write_frame(&mut input, &task)?;
                 files.iter().try_for_each(|file| input.write_all(file))
             });
         }
@@ -100,10 +99,7 @@ impl Trial {
     /// # Errors
     /// Whoever asked has gone.
     pub fn sit(mut input: impl Read) -> io::Result<()> {
-        let mut length = [0; 8];
-        input.read_exact(&mut length)?;
-        let mut task = Vec::new();
-        input.by_ref().take(u64::from_le_bytes(length)).read_to_end(&mut task)?;
+        let task = read_frame(&mut input)?;
         let Task { memory, limits, files } = postcard::from_bytes(&task).map_err(io::Error::other)?;
         restrict_memory(memory)?;
         let mut parts = Vec::new();
