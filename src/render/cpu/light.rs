@@ -3,8 +3,9 @@
 use super::bvh::TriangleId;
 use super::extended_light::Shape;
 use super::light_tree::{Receiver, Tree};
+use super::place::{Place, area};
 use super::sampling::uniform_triangle;
-use super::surface::{Place, area, emitted_at, material};
+use super::surface::{emitted_at, material};
 use crate::compile::{CompiledScene, LightPick, Lighting, Material, PunctualKind, PunctualLight};
 use crate::render::Work;
 use glam::DVec3;

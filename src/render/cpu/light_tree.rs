@@ -1,7 +1,7 @@
 //! Emitting triangles drawn by how much they may light a point (Conty Estevez and Kulla 2018; pbrt-v4, 12.6.3): see
 //! [`LightTree`](crate::compile::LightTree).
 
-use super::surface::Place;
+use super::place::Place;
 use crate::compile::LightNode;
 use glam::DVec3;
 

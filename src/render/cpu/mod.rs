@@ -17,6 +17,7 @@ pub mod light_tree;
 pub mod material;
 pub mod motion;
 mod phong;
+pub mod place;
 mod relief;
 mod render;
 pub mod sampler;

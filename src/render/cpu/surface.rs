@@ -4,20 +4,12 @@ use super::bvh::sphere::normal as sphere_normal;
 use super::bvh::{Hit, TriangleId};
 use super::material::Layers;
 use super::motion::Moment;
+use super::place::{Place, ROUNDINGS, clear, gamma, linear_part, normal_to_world};
 use super::relief::{Chart, Relief};
 use super::sphere;
 use super::texture::{self, Encoding};
 use crate::compile::{CompiledScene, Detail, Extended, Instance, Material, NONE, Slot, TextureSlot, Triangle};
 use glam::{DMat3, DVec2, DVec3, DVec4};
-
-/// Bound of the relative error of `n` f64 roundings (Higham 2002, 3.1).
-const fn gamma(n: f64) -> f64 {
-    let roundings = n * 0.5 * f64::EPSILON;
-    roundings / (1.0 - roundings)
-}
-
-/// Roundings from the corners of a triangle, by way of a point of it and a ray from there, back to the triangle's plane; generous.
-const ROUNDINGS: f64 = 32.0;
 
 /// A shadable point, relative to the scene's origin.
 #[derive(Debug)]
@@ -301,59 +293,6 @@ fn tangents(instance: &Instance, normal: DVec3, tangent: DVec4) -> Option<[DVec3
     Some([along, handedness * normal.cross(along)])
 }
 
-/// A place on a triangle in world space, or in a medium.
-#[derive(Debug, Clone, Copy)]
-pub struct Place {
-    /// Relative to the scene's origin.
-    pub position: DVec3,
-    /// Unit normal of the front, or of the side that a ray came from; zero in a medium.
-    pub normal: DVec3,
-    /// When it is there.
-    pub moment: Moment,
-    clearance: f64,
-}
-
-/// Area of an emitting triangle at a moment; `mean` is that over all of them.
-pub fn area(scene: &CompiledScene, triangle: u32, mean: f32, moment: Moment) -> f64 {
-    if !scene.motion.moves(triangle) {
-        return f64::from(mean);
-    }
-    let [a, b, c] = moment.corners(scene, triangle);
-    0.5 * (b - a).cross(c - a).length()
-}
-
-impl Place {
-    /// At the given weights of the corners, at a moment.
-    pub fn new(scene: &CompiledScene, id: TriangleId, weights: DVec3, moment: Moment) -> Self {
-        let instance = &scene.instances[id.instance as usize];
-        let [a, b, c] = moment.corners(scene, id.triangle);
-        let local = weights.x * a + weights.y * b + weights.z * c;
-        let largest = a.abs().max(b.abs()).max(c.abs()).max_element();
-        let normal = normal_to_world(scene, instance, (b - a).cross(c - a)).normalize();
-        if !scene.two_level {
-            return Self { position: local, normal, moment, clearance: gamma(ROUNDINGS) * largest };
-        }
-        let (matrix, translation) = (linear_part(&instance.to_world), translation(&instance.to_world));
-        let position = matrix * local + translation;
-        // Rounding in object space, there and back, seen from outside.
-        let growth = |m: DMat3| m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs();
-        let back = growth(linear_part(&instance.to_object)).max_element() * position.abs().max_element();
-        let inside = largest + back + DVec3::from(translation_of_object(instance)).abs().max_element();
-        let reach = growth(matrix).max_element() * inside + translation.abs().max_element();
-        Self { position, normal, moment, clearance: gamma(ROUNDINGS) * reach }
-    }
-
-    /// In a medium.
-    pub fn within(position: DVec3, moment: Moment) -> Self {
-        Self { position, normal: DVec3::ZERO, moment, clearance: 0.0 }
-    }
-
-    /// Origin of a ray that leaves in a direction, clear of the triangle.
-    pub fn leave(&self, direction: DVec3) -> DVec3 {
-        clear(self.position, self.normal, self.clearance, direction)
-    }
-}
-
 /// Whether a triangle lets a ray pass for certain (`false`), for certain not (`true`), or with some probability: its coverage
 /// there, 0 to 1 (glTF 2.0, 3.9.4).
 pub fn coverage(scene: &CompiledScene, hit: &Hit) -> f64 {
@@ -403,12 +342,6 @@ fn bent_to_view(normal: DVec3, geometric: DVec3, direction: DVec3) -> DVec3 {
     (normal - (least - cosine) * direction).normalize()
 }
 
-fn clear(position: DVec3, normal: DVec3, clearance: f64, direction: DVec3) -> DVec3 {
-    // The largest component is moved by the clearance at least, in whatever direction the normal points.
-    let distance = clearance * (normal.x.abs() + normal.y.abs() + normal.z.abs());
-    position + normal * distance.copysign(direction.dot(normal))
-}
-
 fn interpolated<const N: usize>(scene: &CompiledScene, vertices: [u32; 3], weights: DVec3, offset: u32) -> [f64; N] {
     let first = vertices.map(|vertex| (vertex * scene.layout.stride + offset) as usize);
     std::array::from_fn(|i| {
@@ -425,21 +358,4 @@ fn uvs(scene: &CompiledScene, vertices: [u32; 3], weights: DVec3) -> [DVec2; 2] 
 fn vertex_color(scene: &CompiledScene, vertices: [u32; 3], weights: DVec3) -> DVec4 {
     let offset = scene.layout.color;
     if offset == NONE { DVec4::ONE } else { DVec4::from(interpolated::<4>(scene, vertices, weights, offset)) }
-}
-
-fn linear_part(rows: &[[f32; 4]; 3]) -> DMat3 {
-    DMat3::from_cols_array_2d(&rows.map(|row| [row[0], row[1], row[2]].map(f64::from))).transpose()
-}
-
-fn translation(rows: &[[f32; 4]; 3]) -> DVec3 {
-    DVec3::from(rows.map(|row| f64::from(row[3])))
-}
-
-fn translation_of_object(instance: &Instance) -> [f64; 3] {
-    translation(&instance.to_object).to_array()
-}
-
-/// By the inverse transpose, so that a mirroring transform keeps the front in front.
-fn normal_to_world(scene: &CompiledScene, instance: &Instance, normal: DVec3) -> DVec3 {
-    if scene.two_level { linear_part(&instance.to_object).transpose() * normal } else { normal }
 }
