@@ -32,7 +32,7 @@ pub fn run(
         work.settings.engine = choice;
     }
     if let Some((_, work)) = cases.first() {
-        let render = engine.begin(work.clone(), None)?;
+        let render = engine.begin_ready(work.clone(), None)?;
         writeln!(out, "On {}; {rounds} seeds, up to {samples} samples per pixel.\n", super::machine(render.device()))?;
     }
     writeln!(out, "| scene | error | uniform s | adaptive s | time ratio | sample ratio | at twice the error |")?;
@@ -65,7 +65,7 @@ impl Pair {
         let mut begin = |adaptive| {
             let mut work = work.clone();
             (work.settings.seed, work.settings.adaptive) = (seed, adaptive);
-            Ok::<_, RenderError>(Way { render: engine.begin(work, None)?, seconds: 0.0, points: Vec::new() })
+            Ok::<_, RenderError>(Way { render: engine.begin_ready(work, None)?, seconds: 0.0, points: Vec::new() })
         };
         let (mut uniform, mut adaptive) = (begin(false)?, begin(true)?);
         let mut under_way = [true; 2];

@@ -38,7 +38,7 @@ impl Clock {
 /// # Errors
 /// A device fault.
 pub fn trace(engine: &mut dyn Engine, clock: Clock, work: &Work) -> Result<(Picture, f64), RenderError> {
-    let mut render = engine.begin(work.clone(), None)?;
+    let mut render = engine.begin_ready(work.clone(), None)?;
     let begun = clock.start();
     while render.step()?.is_none() {}
     let seconds = begun.seconds();

@@ -87,7 +87,7 @@ pub fn run(denoiser: &Denoiser, models: &[PathBuf], size: Size<'_>, folder: &Pat
 }
 
 fn trace(engine: &mut dyn Engine, work: Work) -> Result<Traced> {
-    let mut render = engine.begin(work, None)?;
+    let mut render = engine.begin_ready(work, None)?;
     let begun = Instant::now();
     let mut found = None;
     while render.step()?.is_none() {

@@ -155,7 +155,7 @@ fn trace(engine: &mut dyn Engine, ways: &[&Way], work: &Work, truth: &Truth) -> 
         let mut work = work.clone();
         (way.set)(&mut work.settings);
         let curve = Curve { name: way.name, points: Vec::new() };
-        renders.push(UnderWay { render: engine.begin(work, None)?, curve, seconds: 0.0, ended: false });
+        renders.push(UnderWay { render: engine.begin_ready(work, None)?, curve, seconds: 0.0, ended: false });
     }
     while renders.iter().any(|render| !render.ended) {
         for render in renders.iter_mut().filter(|render| !render.ended) {

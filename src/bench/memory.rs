@@ -48,7 +48,7 @@ pub fn run(engine: &mut GpuEngine, demo: &str, out: &mut dyn Write) -> Result<()
     row("compiled")?;
     let params = serde_json::from_value(json!({"width": 256, "height": 256, "max_samples": 4}))?;
     let work = prepare(&scene, compiled, &params, None)?.work;
-    let render = engine.begin(work, None)?;
+    let render = engine.begin_ready(work, None)?;
     row("on the device (a software device's memory is this process's too)")?;
     drop(render);
     let pace = stats.triangles as f64 / stats.bvh_seconds / 1e6;

@@ -22,6 +22,9 @@ const PREVIEW_SHARE: u32 = 10;
 /// Part of the time that saving unfinished films may take: 1 in 20.
 const SAVING_SHARE: u32 = 20;
 
+/// Time between two looks at a render that is not ready, while others are.
+const REST: Duration = Duration::from_millis(20);
+
 /// A render under way.
 pub(super) struct Active {
     pub ready: Ready,
@@ -124,6 +127,25 @@ impl Active {
             }
             saving.store(begun.elapsed().as_millis() as u64, Ordering::Release);
         });
+    }
+
+    /// Whether others come first: until it is ready it looks around now and then.
+    pub fn rests(&self) -> bool {
+        !self.render.is_ready() && self.last_slice.elapsed() < REST
+    }
+
+    /// Counts a slice that has just ended. Until the render is ready its time is that of the upload, and does not count against
+    /// what the request allows.
+    pub fn count(&mut self, begun: Instant, was_ready: bool) {
+        let now = Instant::now();
+        if was_ready {
+            self.attained += now - begun;
+        } else {
+            let since = now - self.last_slice;
+            self.ready.stages.device_upload += seconds(since);
+            self.started += since;
+        }
+        self.last_slice = now;
     }
 
     /// Whether the wall time that the request or the server allows is over. A render with no sample yet goes on.

@@ -258,16 +258,15 @@ impl Worker {
             let weight = share::weight(spec.priority) * share::part(self.renders_of(&spec.client));
             share::slice_rank(active.attained, active.last_slice.elapsed(), weight)
         };
-        let ranked = self.active.iter().enumerate().map(|(index, active)| (index, rank(active)));
-        ranked.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(index, _)| index)
+        let ranked = self.active.iter().enumerate().map(|(index, active)| (index, (active.rests(), rank(active))));
+        ranked.min_by(|(_, a), (_, b)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))).map(|(index, _)| index)
     }
 
     fn slice(&mut self, turn: usize) {
         let active = &mut self.active[turn];
-        let begun = Instant::now();
+        let (begun, was_ready) = (Instant::now(), active.render.is_ready());
         let stepped = guarded(|| active.render.step());
-        active.last_slice = Instant::now();
-        active.attained += active.last_slice - begun;
+        active.count(begun, was_ready);
         match stepped {
             Ok(None) if active.is_late(self.shared.render_time) => self.end(turn, StopReason::Deadline),
             Ok(None) => {

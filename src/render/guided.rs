@@ -23,6 +23,10 @@ impl Render for Guided {
         self.light.device()
     }
 
+    fn is_ready(&self) -> bool {
+        self.light.is_ready()
+    }
+
     fn step(&mut self) -> Result<Option<StopReason>, RenderError> {
         let Some(tracer) = &mut self.tracer else { return self.light.step() };
         if let Some(guides) = tracer.step() {

@@ -178,13 +178,29 @@ pub enum RenderError {
 /// Something that traces, and what it holds. Lives on one thread.
 pub trait Engine {
     /// Starts a render: uploads what the device does not hold yet. `film`: what an earlier, lost device had made.
+    ///
+    /// What takes long to make (a kernel) may still be in the making when this returns: see [`Render::is_ready`].
     fn begin(&mut self, work: Work, film: Option<Film>) -> Result<Box<dyn Render>, RenderError>;
+
+    /// Starts a render, and waits until it is ready: for those who have nothing else to do meanwhile.
+    fn begin_ready(&mut self, work: Work, film: Option<Film>) -> Result<Box<dyn Render>, RenderError> {
+        let mut render = self.begin(work, film)?;
+        while !render.is_ready() {
+            render.step()?;
+        }
+        Ok(render)
+    }
 }
 
 /// A render under way.
 pub trait Render {
     /// What traces.
     fn device(&self) -> &DeviceInfo;
+
+    /// Whether all is made that tracing needs. Until then a [`Self::step`] waits for it, a few milliseconds at most.
+    fn is_ready(&self) -> bool {
+        true
+    }
 
     /// Traces one slice, at most about 50 ms on any device, and returns why the render ended, if it has.
     fn step(&mut self) -> Result<Option<StopReason>, RenderError>;

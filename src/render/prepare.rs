@@ -193,7 +193,7 @@ pub fn render_to_end(
     progress: &mut dyn FnMut(Progress<'_>),
 ) -> Result<Rendered, RenderError> {
     let begun = Instant::now();
-    let mut render = engine.begin(work, None)?;
+    let mut render = engine.begin_ready(work, None)?;
     let device_upload = begun.elapsed();
     let begun = Instant::now();
     loop {

@@ -6,7 +6,10 @@ use candela::render::{DeviceInfo, Engine, Engines, NonFinite, Render, RenderErro
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+/// Time that what a cold render needs is in the making.
+pub const COLD: Duration = Duration::from_secs(2);
 
 /// Time that one step takes.
 const STEP: Duration = Duration::from_millis(2);
@@ -22,6 +25,8 @@ pub enum Fault {
     Lost,
     /// Does not fit.
     TooLarge,
+    /// Is not ready for [`COLD`].
+    Cold,
 }
 
 /// Seed of the renders that go wrong, so that others on the same server go well.
@@ -69,7 +74,8 @@ impl Engine for TestEngine {
             return Err(RenderError::TooLarge("the film is missing".to_owned()));
         }
         let film = film.unwrap_or_else(|| Film::new(work.view.width, work.view.height));
-        Ok(Box::new(TestRender { info: self.info.clone(), film, work, fault, losses: Arc::clone(&self.losses) }))
+        let (info, losses, begun) = (self.info.clone(), Arc::clone(&self.losses), Instant::now());
+        Ok(Box::new(TestRender { info, film, work, fault, losses, begun }))
     }
 }
 
@@ -79,6 +85,7 @@ struct TestRender {
     work: Work,
     fault: Fault,
     losses: Arc<AtomicU32>,
+    begun: Instant,
 }
 
 impl TestRender {
@@ -102,9 +109,16 @@ impl Render for TestRender {
         &self.info
     }
 
+    fn is_ready(&self) -> bool {
+        self.fault != Fault::Cold || self.begun.elapsed() >= COLD
+    }
+
     fn step(&mut self) -> Result<Option<StopReason>, RenderError> {
         self.go_wrong()?;
         std::thread::sleep(STEP);
+        if !self.is_ready() {
+            return Ok(None);
+        }
         let sample = self.film.samples();
         let draw = |x: u32, y: u32| {
             let pixel = u64::from(y) * u64::from(self.film.width()) + u64::from(x);

@@ -1,6 +1,6 @@
 //! An engine that goes wrong, on purpose.
 
-use crate::engine::{self, FAULTY_SEED, Fault};
+use crate::engine::{self, COLD, FAULTY_SEED, Fault};
 use crate::support::{Server, tiny};
 use candela::config::Limits;
 use candela::render::RenderError;
@@ -64,6 +64,24 @@ fn a_device_that_does_not_come_back_fails_the_job() {
     let id = server.begin(&server.upload(), &faulty());
     let problem = &server.wait_for(&id, &["failed"])["problem"];
     assert_eq!((&problem["code"], &problem["status"]), (&json!("device_unavailable"), &json!(503)));
+}
+
+/// A deadline counts from when it is ready, too: all its samples are taken.
+#[test]
+fn a_render_whose_kernel_is_in_the_making_holds_nobody_up() {
+    let server = server(Fault::Cold, 0);
+    let scene = server.upload();
+    let mut params = faulty();
+    params["deadline_ms"] = json!(COLD.as_millis() as u64);
+    let cold = server.begin(&scene, &params);
+    server.wait_for(&cold, &["running"]);
+    let other = server.begin(&scene, &json!({ "width": 16, "height": 8, "max_samples": 50 }));
+    server.wait_for(&other, &["succeeded"]);
+    assert_eq!(server.job(&cold)["state"], "running");
+    let report = &server.wait_for(&cold, &["succeeded"])["report"];
+    assert_eq!((&report["stop_reason"], &report["samples"]), (&json!("max_samples"), &json!(4)), "{report}");
+    let [upload, trace] = ["device_upload", "trace"].map(|stage| report["seconds"][stage].as_f64().expect("seconds"));
+    assert!(upload >= COLD.as_secs_f64() - 0.1 && trace < COLD.as_secs_f64() / 2.0, "{report}");
 }
 
 #[test]

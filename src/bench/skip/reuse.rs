@@ -20,7 +20,7 @@ pub fn measure(engine: &mut dyn Engine, rounds: u32, out: &mut dyn Write) -> Res
             let work = prepare(&scene, Arc::new(compile_scene(&scene, None)?), &params, None)?.work;
             for best in [&mut first, &mut again] {
                 let begun = Instant::now();
-                drop(engine.begin(work.clone(), None)?);
+                drop(engine.begin_ready(work.clone(), None)?);
                 *best = (*best).min(begun.elapsed());
             }
         }

@@ -91,10 +91,10 @@ impl Host {
         let work = Work { scene, lighting: Arc::new(lighting), view, features, settings };
         match guarded(|| self.engine.begin(work, film)) {
             Ok(begun) => {
-                let device = Device::from(begun.device());
+                let (device, is_ready) = (Device::from(begun.device()), begun.is_ready());
                 let seen = Seen::of(begun.film());
                 self.renders.insert(render, (begun, seen));
-                Answer::Begun(device)
+                Answer::Begun(device, is_ready)
             }
             Err(failure) => Answer::Failed(failure),
         }
@@ -104,6 +104,7 @@ impl Host {
         let Some((render, seen)) = self.renders.get_mut(&render) else { return unknown() };
         match guarded(|| render.step()) {
             Ok(reason) => Answer::Stepped(Stepped {
+                is_ready: render.is_ready(),
                 reason,
                 progress: render.progress(),
                 non_finite: render.non_finite(),

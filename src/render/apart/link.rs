@@ -85,10 +85,11 @@ impl Engine for ApartEngine {
         };
         self.link.tell(Ask::Begin { render, scene, picture }, &(&lighting, &view, &features, &settings, &film))?;
         match self.link.answer()? {
-            Answer::Begun(device) => Ok(Box::new(ApartRender {
+            Answer::Begun(device, is_ready) => Ok(Box::new(ApartRender {
                 link: Rc::clone(&self.link),
                 render,
                 device: device.into(),
+                is_ready,
                 film: film.unwrap_or_else(|| Film::new(view.width, view.height)),
                 progress: 0.0,
                 non_finite: NonFinite::default(),
@@ -105,6 +106,7 @@ struct ApartRender {
     link: Rc<Link>,
     render: u64,
     device: DeviceInfo,
+    is_ready: bool,
     film: Film,
     progress: f64,
     non_finite: NonFinite,
@@ -116,15 +118,19 @@ impl Render for ApartRender {
         &self.device
     }
 
+    fn is_ready(&self) -> bool {
+        self.is_ready
+    }
+
     fn step(&mut self) -> Result<Option<StopReason>, RenderError> {
         self.link.tell(Ask::Step(self.render), &())?;
         match self.link.answer()? {
-            Answer::Stepped(Stepped { reason, progress, non_finite, changes, guides }) => {
+            Answer::Stepped(Stepped { is_ready, reason, progress, non_finite, changes, guides }) => {
                 if !self.film.follow(changes) {
                     return Err(self.link.lose("its film does not fit"));
                 }
                 self.guides = guides.or(self.guides.take());
-                (self.progress, self.non_finite) = (progress, non_finite);
+                (self.is_ready, self.progress, self.non_finite) = (is_ready, progress, non_finite);
                 Ok(reason)
             }
             Answer::Failed(failure) => Err(self.link.failed(failure)),

@@ -37,8 +37,8 @@ pub type Begin<L> = (L, View, Features, Settings, Option<Film>);
 pub enum Answer {
     /// It is there, and has been asked nothing yet.
     Ready,
-    /// A render has begun, on this device.
-    Begun(Device),
+    /// A render has begun, on this device; whether it is ready.
+    Begun(Device, bool),
     /// A slice was traced.
     Stepped(Stepped),
     /// It could not be.
@@ -48,6 +48,8 @@ pub enum Answer {
 /// Where a render stands after a slice.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Stepped {
+    /// As [`crate::render::Render::is_ready`].
+    pub is_ready: bool,
     /// Why it has ended, if it has.
     pub reason: Option<StopReason>,
     /// As [`crate::render::Render::progress`].

@@ -64,12 +64,12 @@ impl Engine for GpuEngine {
             self.gpu.fault()?;
             return Ok(Box::new(render));
         }
-        let pipeline = self.pipelines.get(&self.gpu, &work);
+        let kernel = self.pipelines.get(&self.gpu, &work);
         let scene = self.resources.scene(&self.gpu, &work.scene)?;
         let environment = self.resources.environment(&self.gpu, &work.lighting.environment)?;
         let render = GpuRender::new(
             &self.gpu,
-            pipeline,
+            kernel,
             &self.pipelines.layout,
             &mut self.resources,
             &scene,

@@ -4,9 +4,10 @@ use super::bindings;
 use super::device::Gpu;
 use crate::compile::Features;
 use crate::params::Mode;
-use crate::render::{Strategy, Work};
+use crate::render::{RenderError, Strategy, Work};
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, OnceLock};
 
 /// The tracer's source, linked from `shaders/` at build time.
 pub const PATHTRACE_WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/pathtrace.wgsl"));
@@ -63,13 +64,34 @@ impl Stack {
     }
 }
 
-/// Pipelines made so far.
+/// A pipeline that is made on a thread of its own, which takes seconds on some drivers: other renders go on meanwhile.
+#[derive(Clone)]
+pub struct Kernel(Arc<OnceLock<Result<wgpu::ComputePipeline, RenderError>>>);
+
+impl Kernel {
+    fn make(pipeline: impl FnOnce() -> wgpu::ComputePipeline + Send + 'static) -> Self {
+        let kernel = Self(Arc::default());
+        let Self(place) = kernel.clone();
+        std::thread::spawn(move || {
+            let failed = |_| RenderError::DeviceLost("its driver failed to compile the kernel".to_owned());
+            let _ = place.set(catch_unwind(AssertUnwindSafe(pipeline)).map_err(failed));
+        });
+        kernel
+    }
+
+    /// None: it is still being made.
+    pub fn get(&self) -> Option<Result<&wgpu::ComputePipeline, RenderError>> {
+        self.0.get().map(|made| made.as_ref().map_err(RenderError::clone))
+    }
+}
+
+/// Pipelines made so far, or in the making.
 pub struct Pipelines {
     /// The bindings of `shaders/lib/bindings.wesl`.
     pub layout: wgpu::BindGroupLayout,
     pipeline_layout: wgpu::PipelineLayout,
     modules: HashMap<u32, wgpu::ShaderModule>,
-    made: HashMap<Variant, Arc<wgpu::ComputePipeline>>,
+    kernels: HashMap<Variant, Kernel>,
 }
 
 impl Pipelines {
@@ -84,20 +106,20 @@ impl Pipelines {
             bind_group_layouts: &[Some(&layout)],
             immediate_size: 0,
         });
-        Self { layout, pipeline_layout, modules: HashMap::new(), made: HashMap::new() }
+        Self { layout, pipeline_layout, modules: HashMap::new(), kernels: HashMap::new() }
     }
 
-    /// The pipeline for a picture.
-    pub fn get(&mut self, gpu: &Gpu, work: &Work) -> Arc<wgpu::ComputePipeline> {
+    /// The kernel for a picture.
+    pub fn get(&mut self, gpu: &Arc<Gpu>, work: &Work) -> Kernel {
         let variant = Variant::of(gpu, work);
-        if let Some(pipeline) = self.made.get(&variant) {
-            return Arc::clone(pipeline);
-        }
-        let stack = variant.stack.in_memory();
-        let module = self.modules.entry(stack).or_insert_with(|| compile_module(gpu, PATHTRACE_WGSL, stack));
-        let pipeline = Arc::new(create_pipeline(gpu, &self.pipeline_layout, module, "pathtrace", &constants(variant)));
-        self.made.insert(variant, Arc::clone(&pipeline));
-        pipeline
+        let Self { pipeline_layout, modules, kernels, .. } = self;
+        let kernel = kernels.entry(variant).or_insert_with(|| {
+            let stack = variant.stack.in_memory();
+            let module = modules.entry(stack).or_insert_with(|| compile_module(gpu, PATHTRACE_WGSL, stack)).clone();
+            let (gpu, layout) = (Arc::clone(gpu), pipeline_layout.clone());
+            Kernel::make(move || create_pipeline(&gpu, &layout, &module, "pathtrace", &constants(variant)))
+        });
+        kernel.clone()
     }
 }
 

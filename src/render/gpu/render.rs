@@ -3,6 +3,7 @@
 use super::bindings::Bindings;
 use super::device::Gpu;
 use super::layout::{Frame, Slice};
+use super::pipeline::Kernel;
 use super::resources::{GpuEnvironment, GpuScene, Resources};
 use crate::film::{Film, TILE_PIXELS};
 use crate::render::schedule::{Pass, Schedule};
@@ -20,10 +21,13 @@ const COUNTERS: u64 = 8;
 /// Bytes of a tile's sums, a multiple of what rows are aligned to when a texture is copied to a buffer.
 const TILE_BYTES: u32 = LANES * 16;
 
+/// Longest wait for a kernel in one step.
+const WAIT: Duration = Duration::from_millis(2);
+
 /// A picture under way on the device.
 pub struct GpuRender {
     gpu: Arc<Gpu>,
-    pipeline: Arc<wgpu::ComputePipeline>,
+    kernel: Kernel,
     bindings: wgpu::BindGroup,
     slice: wgpu::Buffer,
     counters: wgpu::Buffer,
@@ -48,7 +52,7 @@ impl GpuRender {
     #[allow(clippy::too_many_arguments, reason = "the parts of one bind group")]
     pub(super) fn new(
         gpu: &Arc<Gpu>,
-        pipeline: Arc<wgpu::ComputePipeline>,
+        kernel: Kernel,
         layout: &wgpu::BindGroupLayout,
         resources: &mut Resources,
         scene: &GpuScene,
@@ -95,7 +99,7 @@ impl GpuRender {
         let bindings = bindings.group(gpu, layout);
         Ok(Self {
             gpu: Arc::clone(gpu),
-            pipeline,
+            kernel,
             bindings,
             slice,
             counters,
@@ -133,14 +137,14 @@ impl GpuRender {
     }
 
     /// Traces some entries of the pass; copies the sums out with the last.
-    fn dispatch(&mut self, count: u32) -> Result<(), RenderError> {
+    fn dispatch(&mut self, kernel: &wgpu::ComputePipeline, count: u32) -> Result<(), RenderError> {
         let slice =
             Slice { first: self.done, count, row: self.row, regions_across: self.film.tiles().regions_across() };
         self.gpu.queue.write_buffer(&self.slice, 0, bytemuck::bytes_of(&slice));
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
             let mut compute = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            compute.set_pipeline(&self.pipeline);
+            compute.set_pipeline(kernel);
             compute.set_bind_group(0, &self.bindings, &[]);
             compute.dispatch_workgroups(count, 1, 1);
         }
@@ -188,7 +192,16 @@ impl Render for GpuRender {
         &self.gpu.info
     }
 
+    fn is_ready(&self) -> bool {
+        self.kernel.get().is_some()
+    }
+
     fn step(&mut self) -> Result<Option<StopReason>, RenderError> {
+        let kernel = self.kernel.clone();
+        let Some(kernel) = kernel.get() else {
+            std::thread::sleep(WAIT);
+            return self.gpu.fault().map(|()| None);
+        };
         let begun = Instant::now();
         if self.is_finished()
             && let Some(reason) = self.next_pass()
@@ -196,7 +209,7 @@ impl Render for GpuRender {
             return Ok(Some(reason));
         }
         let (count, paths) = self.slice_paths.take(&self.pass[self.done as usize..]);
-        self.dispatch(count)?;
+        self.dispatch(kernel?, count)?;
         self.slice_paths.learn(paths, begun.elapsed());
         if !self.is_finished() {
             self.tracing += begun.elapsed();
