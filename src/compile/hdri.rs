@@ -54,6 +54,15 @@ pub enum HdriError {
 ///
 /// `limit`: most pixels, like [`ENVIRONMENT_PIXELS`].
 pub fn decode_hdri(bytes: &[u8], limit: u64) -> Result<Hdri, HdriError> {
+    let (width, height, texels) = decode_radiance(bytes, limit)?;
+    Ok(Hdri::new(width, height, texels))
+}
+
+/// Width, height and linear radiance of the same, by rows from the top: without the tables that it is sampled by.
+///
+/// # Errors
+/// As [`decode_hdri`].
+pub fn decode_radiance(bytes: &[u8], limit: u64) -> Result<(u32, u32, Vec<[f32; 3]>), HdriError> {
     let undecodable = |error: &dyn std::fmt::Display| HdriError::Undecodable(error.to_string());
     let reader = || ImageReader::new(Cursor::new(bytes)).with_guessed_format();
     let (width, height) =
@@ -70,7 +79,7 @@ pub fn decode_hdri(bytes: &[u8], limit: u64) -> Result<Hdri, HdriError> {
     reader.limits(limits);
     let texels = linear_texels(reader.decode().map_err(|error| undecodable(&error))?);
     check(&texels, width)?;
-    Ok(Hdri::new(width, height, texels))
+    Ok((width, height, texels))
 }
 
 fn linear_texels(picture: DynamicImage) -> Vec<[f32; 3]> {

@@ -53,7 +53,7 @@ pub use compiled::{
 pub use extended::{Extended, SLOTS, Slot};
 pub use features::{Features, features};
 pub use geometry::{compile_request, compile_scene};
-pub use hdri::{ENVIRONMENT_PIXELS, HdriError, decode_hdri};
+pub use hdri::{ENVIRONMENT_PIXELS, HdriError, decode_hdri, decode_radiance};
 pub use light_tree::{LightNode, LightTree};
 pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight, Share,
