@@ -77,7 +77,7 @@ impl<'a> Surface<'a> {
             vertex_color: vertex_color(scene, vertices, weights),
         };
         let normal = surface.smooth_normal(instance, vertices, weights, place.normal, direction);
-        surface.shading_normal = bent_to_view(if back { -normal } else { normal }, front, direction);
+        surface.shading_normal = facing(if back { -normal } else { normal }, front, direction);
         surface
     }
 
@@ -105,7 +105,7 @@ impl<'a> Surface<'a> {
             vertex_color: DVec4::ONE,
         };
         let bent = surface.detailed_normal(|_| chart, normal, direction).unwrap_or(normal);
-        surface.shading_normal = bent_to_view(if back { -bent } else { bent }, front, direction);
+        surface.shading_normal = facing(if back { -bent } else { bent }, front, direction);
         surface
     }
 
@@ -175,7 +175,7 @@ impl<'a> Surface<'a> {
             let scale = f64::from(extended.clearcoat_normal_scale);
             normal = self.mapped(normal, instance, self.stored_tangent(vertices, self.weights), slot, scale);
         }
-        bent_to_view(if self.back { -normal } else { normal }, self.geometric_normal, direction)
+        facing(if self.back { -normal } else { normal }, self.geometric_normal, direction)
     }
 
     /// Unit vectors along the tangent and the bitangent of the shading normal; none: the mesh has no tangents here.
@@ -393,14 +393,18 @@ fn base_color(scene: &CompiledScene, material: &Material, uvs: [DVec2; 2], verte
     factor * vertex_color * texture::sample(&scene.color_pages, Encoding::Srgb, slot, uvs)
 }
 
-/// Bends a shading normal that faces away from the viewer just far enough to be seen.
-fn bent_to_view(normal: DVec3, geometric: DVec3, direction: DVec3) -> DVec3 {
-    let cosine = -normal.dot(direction);
-    if cosine > 0.0 {
+/// Bends a shading normal just far enough that a mirror there is seen, and shows what lies above the surface: at the most
+/// half-way between the view and the lowest reflection, in the plane of both normals.
+fn facing(normal: DVec3, geometric: DVec3, direction: DVec3) -> DVec3 {
+    let view = -geometric.dot(direction);
+    let lowest = view.min(0.01);
+    if normal.dot(direction) < 0.0 && direction.reflect(normal).dot(geometric) >= lowest {
         return normal;
     }
-    let least = (-geometric.dot(direction)).min(0.01);
-    (normal - (least - cosine) * direction).normalize()
+    let Some(across) = normal.reject_from_normalized(geometric).try_normalize() else { return geometric };
+    let aside = -across.dot(direction);
+    let reflected_aside = (aside * aside + view * view - lowest * lowest).max(0.0).sqrt();
+    ((aside + reflected_aside) * across + (view + lowest) * geometric).normalize()
 }
 
 fn clear(position: DVec3, normal: DVec3, clearance: f64, direction: DVec3) -> DVec3 {
