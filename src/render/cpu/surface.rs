@@ -447,3 +447,33 @@ fn translation_of_object(instance: &Instance) -> [f64; 3] {
 fn normal_to_world(scene: &CompiledScene, instance: &Instance, normal: DVec3) -> DVec3 {
     if scene.two_level { linear_part(&instance.to_object).transpose() * normal } else { normal }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whatever the normals and the view: a mirror is seen and shows what lies above the surface, and a normal that does so stays.
+    #[test]
+    fn shading_normals_face_view_and_reflection() {
+        let turn = |azimuth: f64, height: f64| {
+            let around = (1.0 - height * height).max(0.0).sqrt();
+            DVec3::new(around * azimuth.cos(), around * azimuth.sin(), height)
+        };
+        let mut bent = 0;
+        for i in 0..20_000 {
+            let part = |step: f64| (f64::from(i) * step).fract();
+            let direction = -turn(6.3 * part(0.754_877_666), part(0.569_840_291).max(1e-4));
+            let normal = turn(6.3 * part(0.618_033_989), 2.0 * part(0.414_213_562) - 1.0);
+            let found = facing(normal, DVec3::Z, direction);
+            let (view, reflected) = (-found.dot(direction), direction.reflect(found).z);
+            assert!((found.length() - 1.0).abs() < 1e-12 && view > 0.0, "{normal} {direction} {found}");
+            assert!(reflected >= (-direction.z).min(0.01) - 1e-9, "{normal} {direction} {found} {reflected}");
+            if found != normal {
+                bent += 1;
+                let kept = -normal.dot(direction) > 0.0 && direction.reflect(normal).z >= 0.01;
+                assert!(!kept, "{normal} {direction}");
+            }
+        }
+        assert!((10_000..19_000).contains(&bent), "{bent}");
+    }
+}
