@@ -4,6 +4,7 @@
 //! tree, another triangle test, other random numbers, other sampling of facets and triangles. Where the two agree, neither is
 //! wrong by itself.
 
+mod bend;
 pub mod bvh;
 pub mod camera;
 pub mod environment;

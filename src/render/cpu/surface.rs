@@ -1,5 +1,6 @@
 //! From a hit to a point that can be shaded.
 
+use super::bend;
 use super::bvh::sphere::normal as sphere_normal;
 use super::bvh::{Hit, TriangleId};
 use super::material::Layers;
@@ -69,7 +70,7 @@ impl<'a> Surface<'a> {
             vertex_color: vertex_color(scene, vertices, weights),
         };
         let normal = surface.smooth_normal(instance, vertices, weights, place.normal, direction);
-        surface.shading_normal = bent_to_view(if back { -normal } else { normal }, front, direction);
+        surface.shading_normal = surface.bent(if back { -normal } else { normal }, direction);
         surface
     }
 
@@ -97,7 +98,7 @@ impl<'a> Surface<'a> {
             vertex_color: DVec4::ONE,
         };
         let bent = surface.detailed_normal(|_| chart, normal, direction).unwrap_or(normal);
-        surface.shading_normal = bent_to_view(if back { -bent } else { bent }, front, direction);
+        surface.shading_normal = surface.bent(if back { -bent } else { bent }, direction);
         surface
     }
 
@@ -167,7 +168,18 @@ impl<'a> Surface<'a> {
             let scale = f64::from(extended.clearcoat_normal_scale);
             normal = self.mapped(normal, instance, self.stored_tangent(vertices, self.weights), slot, scale);
         }
-        bent_to_view(if self.back { -normal } else { normal }, self.geometric_normal, direction)
+        bend::mirroring(if self.back { -normal } else { normal }, self.geometric_normal, direction)
+    }
+
+    /// A normal that can be shaded with. That of a metal is bent as a mirror's, that of a diffuse layer, which most light of
+    /// other materials comes from, only until it is seen.
+    fn bent(&self, normal: DVec3, direction: DVec3) -> DVec3 {
+        let visible = bend::visible(normal, self.geometric_normal, direction);
+        let mirroring = bend::mirroring(normal, self.geometric_normal, direction);
+        if mirroring == normal {
+            return normal;
+        }
+        visible.lerp(mirroring, self.layers().metallic).normalize()
     }
 
     /// Unit vectors along the tangent and the bitangent of the shading normal; none: the mesh has no tangents here.
@@ -330,16 +342,6 @@ fn base_color(scene: &CompiledScene, material: &Material, uvs: [DVec2; 2], verte
     let slot: &TextureSlot = &material.base_color_texture;
     let factor = DVec4::from(material.base_color.map(f64::from));
     factor * vertex_color * texture::sample(&scene.color_pages, Encoding::Srgb, slot, uvs)
-}
-
-/// Bends a shading normal that faces away from the viewer just far enough to be seen.
-fn bent_to_view(normal: DVec3, geometric: DVec3, direction: DVec3) -> DVec3 {
-    let cosine = -normal.dot(direction);
-    if cosine > 0.0 {
-        return normal;
-    }
-    let least = (-geometric.dot(direction)).min(0.01);
-    (normal - (least - cosine) * direction).normalize()
 }
 
 fn interpolated<const N: usize>(scene: &CompiledScene, vertices: [u32; 3], weights: DVec3, offset: u32) -> [f64; N] {
