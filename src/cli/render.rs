@@ -4,7 +4,7 @@ use super::progress::Bar;
 use super::request::{Request, Target, request};
 use super::summary::Summary;
 use super::{Failure, apart, demo, manifest};
-use crate::compile::{self, Hdri, MapFiles};
+use crate::compile::{self, Hdri, LightFiles, MapFiles};
 use crate::denoise::{Bounds, Denoiser};
 use crate::film::{self, Aov, Aovs};
 use crate::jobs::StoredScene;
@@ -13,8 +13,9 @@ use crate::render::denoised::{Denoising, denoised};
 use crate::render::prepare::{Prepared, prepare, render_to_end};
 use crate::render::report::{Report, Stages};
 use crate::render::{Engine, Engines, RenderError};
-use crate::scene::{self, Package};
+use crate::scene::{self, Package, Profile};
 use clap::Args;
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -131,12 +132,12 @@ impl Stage {
         let mut stages = Stages::default();
         let begun = Instant::now();
         let scene = self.import(name)?;
-        let (hdri, maps) = (hdri(params)?, maps(params)?);
+        let (maps, lights) = (maps(params)?, LightFiles { hdri: hdri(params)?, profiles: profiles(params)? });
         stages.import = seconds(begun);
         let begun = Instant::now();
         let faulty = |fault: String| Failure::Request(format!("{name}: {fault}"));
         let (posed, compiled) = scene.compile(params, &maps).map_err(|error| faulty(error.to_string()))?;
-        let prepared = prepare(&posed, compiled, params, hdri).map_err(|error| faulty(error.to_string()))?;
+        let prepared = prepare(&posed, compiled, params, lights).map_err(|error| faulty(error.to_string()))?;
         stages.compile = seconds(begun);
         Ok((prepared, stages))
     }
@@ -187,6 +188,16 @@ fn maps(params: &RenderParams) -> Result<MapFiles, Failure> {
         Ok((name.to_owned(), Arc::from(bytes)))
     };
     params.map_names().into_iter().map(read).collect()
+}
+
+/// The profiles of lights, which are files here.
+fn profiles(params: &RenderParams) -> Result<BTreeMap<String, Arc<Profile>>, Failure> {
+    let read = |name: &str| {
+        let faulty = |fault: String| Failure::Request(format!("profile {name}: {fault}"));
+        let bytes = std::fs::read(name).map_err(|error| faulty(error.to_string()))?;
+        Ok((name.to_owned(), Arc::new(Profile::read(&bytes).map_err(faulty)?)))
+    };
+    params.profile_names().map(read).collect()
 }
 
 /// Traces and encodes.

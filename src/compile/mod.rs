@@ -33,6 +33,7 @@ mod materials;
 mod moment;
 pub mod motion;
 mod own_light;
+mod profiles;
 mod quantize;
 mod repeats;
 mod sight;
@@ -58,7 +59,7 @@ pub use light_tree::{LightNode, LightTree};
 pub use lighting::{
     Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight, Share,
 };
-pub use lights::{Lit, light, shines};
+pub use lights::{LightFiles, Lit, light, shines};
 pub use look::MapFiles;
 pub use moment::moment;
 pub use motion::Motion;

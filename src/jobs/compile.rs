@@ -7,6 +7,7 @@ use super::progress::seconds;
 use super::saved::SavedFilm;
 use super::scenes::compiled_bytes;
 use super::worker::Ready;
+use crate::compile::LightFiles;
 use crate::render::prepare::prepare;
 use std::sync::Arc;
 use std::time::Instant;
@@ -42,7 +43,8 @@ pub(super) fn compile(
         return Err(Problem::new(Code::RenderTooLarge, detail));
     }
     let hdri = order.hdri.as_ref().and_then(|image| image.environment());
-    let prepared = prepare(&scene, compiled, params, hdri)?;
+    let profiles = order.profiles.iter().filter_map(|image| Some((image.id.clone(), image.profile()?))).collect();
+    let prepared = prepare(&scene, compiled, params, LightFiles { hdri, profiles })?;
     let mut stages = order.stages;
     stages.compile = seconds(begun.elapsed());
     Ok(Ready { job, prepared, saved, stages, since: Instant::now(), bytes })

@@ -17,7 +17,7 @@ mod validate;
 mod wording;
 
 pub use environment::{EnvironmentChoice, EnvironmentParams, GradientParams};
-pub use lights::{LightParams, SpotFalloff};
+pub use lights::{LightParams, ProfileParams, SpotFalloff};
 pub use parse::{from_json, from_json_and_query, from_query, read};
 pub use preview::{
     Attenuation, AttenuationKind, MAX_SHADOW_LIGHTS, PreviewParams, Shading, ShadingPath, ShadowAlgorithm, ShadowBias,

@@ -13,6 +13,7 @@ mod materials;
 mod motion;
 mod parts;
 mod preview;
+mod profiles;
 mod reliefs;
 mod scatter;
 mod spheres;

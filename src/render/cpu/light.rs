@@ -118,7 +118,7 @@ impl LightSampler {
 pub fn from_punctual(light: &PunctualLight, at: &Place) -> LightSample {
     let intensity = DVec3::from(light.intensity.map(f64::from));
     let axis = DVec3::from(light.direction.map(f64::from));
-    if light.kind == PunctualKind::Directional as u32 {
+    if light.kind() == PunctualKind::Directional as u32 {
         let direction = -axis;
         let origin = at.leave(direction);
         return LightSample {
@@ -204,7 +204,7 @@ fn window(distance2: f64, range: f64) -> f64 {
 /// Part of the intensity towards a direction at this cosine from the axis.
 fn cone(light: &PunctualLight, cosine: f64) -> f64 {
     let (inner, outer) = (f64::from(light.inner), f64::from(light.outer));
-    match light.kind {
+    match light.kind() {
         // KHR_lights_punctual, "Inner and Outer Cone Angles": cosines.
         kind if kind == PunctualKind::Spot as u32 => {
             ((cosine - outer) / (inner - outer).max(1e-7)).clamp(0.0, 1.0).powi(2)

@@ -62,7 +62,12 @@ impl Integrator {
             Some(_) => {
                 let light = place.moment.light(lighting, picked.index);
                 let sample = light::from_punctual(&light, place);
-                Some(LightSample { weight: sample.weight / probability, ..sample })
+                let candela = if self.work.features.profiles {
+                    lighting.profile_factor(&light, -sample.direction.normalize())
+                } else {
+                    1.0
+                };
+                Some(LightSample { weight: sample.weight * (candela / probability), ..sample })
             }
             None => {
                 let pick = &lighting.picks[picked.index];
