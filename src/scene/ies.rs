@@ -196,8 +196,8 @@ impl Measured {
             }
             // About the plane of 90 and 270 degrees (LM-63-1995).
             [first, last] if is(first, 90.0) && is(last, 270.0) => {
-                self.mirror_columns(180.0, |angle| angle > -NEAR && angle < 90.0 - NEAR);
-                self.mirror_columns(540.0, |angle| angle > 270.0 + NEAR && angle < 360.0 + NEAR);
+                self.mirror_columns(180.0, |angle| angle.abs() < 90.0 - NEAR);
+                self.close_turn();
             }
             [first, last] if is(first, 0.0) && is(last, 90.0) => {
                 self.mirror_columns(180.0, |angle| angle > 90.0 + NEAR);
@@ -209,9 +209,7 @@ impl Measured {
             [first, last] if is(first, 0.0) && is(last, 360.0) => {}
             [first, last] if is(first, 0.0) && last > 180.0 && 360.0 - last <= self.widest_step() + NEAR => {
                 // Often the turn is not closed.
-                self.horizontal.push(360.0);
-                let first: Vec<f64> = self.candela.first().cloned().unwrap_or_default();
-                self.candela.push(first);
+                self.close_turn();
             }
             [first, last] => {
                 return Err(format!(
@@ -261,6 +259,12 @@ impl Measured {
         columns.extend(std::mem::take(&mut self.horizontal).into_iter().zip(std::mem::take(&mut self.candela)));
         columns.sort_by(|(a, _), (b, _)| a.total_cmp(b));
         (self.horizontal, self.candela) = columns.into_iter().unzip();
+    }
+
+    /// Ends a turn where it begins.
+    fn close_turn(&mut self) {
+        self.horizontal.extend(self.horizontal.first().map(|angle| angle + 360.0));
+        self.candela.extend(self.candela.first().cloned());
     }
 
     /// Exchanges vertical and horizontal angles.
@@ -439,6 +443,44 @@ mod tests {
         for end in 0..good.len() - 4 {
             assert!(Profile::read(&good.as_bytes()[..end]).is_err(), "cut off at {end}");
         }
+    }
+
+    #[test]
+    fn damaged_files_are_sound_or_refused() {
+        let mut state = 1_u64;
+        let mut random = move |below: usize| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as usize % below
+        };
+        let angles = [0.0, 20.0, 70.0, 90.0];
+        let files = [1, 2, 3].map(|kind| file(kind, &angles, &angles, |h, v| h + v));
+        let mut accepted = 0;
+        for round in 0..3000 {
+            let mut bytes = files[round % 3].clone().into_bytes();
+            for _ in 0..=random(4) {
+                let place = random(bytes.len());
+                match random(3) {
+                    0 => bytes[place] = b"0123456789.-e \n"[random(15)],
+                    1 => drop(bytes.remove(place)),
+                    _ => bytes.insert(place, b"0123456789.-e \n"[random(15)]),
+                }
+            }
+            let Ok(profile) = Profile::read(&bytes) else { continue };
+            accepted += 1;
+            for list in [&profile.polar, &profile.azimuth] {
+                assert!(list.len() >= 2 && list.windows(2).all(|pair| pair[0] < pair[1]), "{list:?}");
+            }
+            assert_eq!(profile.candela.len(), profile.polar.len() * profile.azimuth.len());
+            assert!(
+                profile.candela.iter().all(|candela| (0.0..=profile.peak).contains(candela))
+                    && profile.peak.is_finite()
+            );
+            for direction in [DVec3::NEG_Z, DVec3::Z, DVec3::X, DVec3::NEG_Y, DVec3::ONE] {
+                let found = candela(&profile, direction);
+                assert!(found >= 0.0 && found <= f64::from(profile.peak) * 1.000_001);
+            }
+        }
+        assert!(accepted > 100, "{accepted}");
     }
 
     #[test]

@@ -95,6 +95,8 @@ fn floor() -> Scene {
 
 /// The same light as the formula has it: `of` gives candela in the frame whose columns are the zero azimuth, z x b and -b.
 fn assert_lit(name: &str, engine: EngineChoice, work: Work, position: DVec3, frame: DMat3, of: impl Fn(DVec3) -> f64) {
+    // Moments are drawn, too.
+    let tolerance = if work.features.motion { 1e-2 } else { 2e-3 };
     const STEPS: usize = 12;
     let picture = render(engine, lambert(work));
     let side = f64::from(picture.width);
@@ -112,7 +114,7 @@ fn assert_lit(name: &str, engine: EngineChoice, work: Work, position: DVec3, fra
         brightest = brightest.max(expected);
     }
     eprintln!("{name}, {engine:?}: off by {:.5} of the brightest {brightest:.3}", worst / brightest);
-    assert!(worst < 2e-3 * brightest && brightest > 0.5, "{name}, {engine:?}: {worst} of {brightest}");
+    assert!(worst < tolerance * brightest && brightest > 0.5, "{name}, {engine:?}: {worst} of {brightest}");
 }
 
 /// Columns: zero azimuth, z x b, and -b.
