@@ -41,7 +41,7 @@ pub struct RenderArgs {
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// What is known of each pixel besides, as .exr: `standard_error=FILE.exr`, `samples=FILE.exr`; with `denoise`
-    /// also `undenoised`, `albedo`, `normal`. May be repeated.
+    /// also `undenoised`, `albedo`, `normal`; with `light_groups` that. May be repeated.
     #[arg(long, value_name = "NAME=FILE", value_parser = aov)]
     pub aov: Vec<(Aov, PathBuf)>,
     /// Library of Open Image Denoise, or its folder, for `denoise`; without one it is looked for where the system keeps libraries.
@@ -84,10 +84,10 @@ pub fn run(arguments: &RenderArgs) -> Result<(), Failure> {
         picture(&mut Engines::new(), denoiser.as_ref(), prepared, stages, &request.params, arguments.quiet)?;
     write(&request.target, &bytes)?;
     for (aov, path) in &arguments.aov {
-        let picture = aovs.picture(*aov).ok_or_else(|| {
-            Failure::Machine(format!("--aov {}: {}", aov.name(), aov.lack(1, false).unwrap_or_default()))
+        let bytes = film::encode_aov(&aovs, *aov, &report.facts()).ok_or_else(|| {
+            Failure::Machine(format!("--aov {}: {}", aov.name(), aov.lack(1, false, false).unwrap_or_default()))
         })?;
-        let bytes = film::encode_aov(&picture, &report.facts()).map_err(|error| Failure::Machine(error.to_string()))?;
+        let bytes = bytes.map_err(|error| Failure::Machine(error.to_string()))?;
         write(&Target::File(path.clone()), &bytes)?;
     }
     tell(arguments, &request, &report)
@@ -109,7 +109,7 @@ fn check_aovs(aovs: &[(Aov, PathBuf)], params: &RenderParams) -> Result<(), Fail
         if path.parent().is_some_and(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
             return Err(Failure::Request(format!("--aov {}: there is no such folder", path.display())));
         }
-        if let Some(lack) = aov.lack(params.max_samples, params.denoise) {
+        if let Some(lack) = aov.lack(params.max_samples, params.denoise, params.light_groups.is_some()) {
             return Err(Failure::Request(format!("--aov {}: {lack}", aov.name())));
         }
     }

@@ -21,6 +21,10 @@ pub struct Lighting {
     pub way: Vec<PunctualLight>,
     /// Measured distributions of some of the lights.
     pub profiles: Vec<Profile>,
+    /// Names of the groups that the picture's light is split by, the standing ones first ([`STANDING_GROUPS`]); empty: it is not split.
+    ///
+    /// [`STANDING_GROUPS`]: crate::params::STANDING_GROUPS
+    pub groups: Vec<String>,
     /// Entries of `lights` then emitters; empty if there are neither. All are an alias table; if there is a tree, those of `lights`.
     #[serde(with = "crate::pod")]
     pub picks: Vec<LightPick>,
@@ -57,6 +61,13 @@ impl Lighting {
         self.picks.get(..count).unwrap_or_default()
     }
 }
+
+/// Index into [`Lighting::groups`] of light from infinity.
+pub const ENVIRONMENT_GROUP: usize = 0;
+/// Of surfaces that emit.
+pub const SURFACES_GROUP: usize = 1;
+/// Of lights that no named group has.
+pub const LIGHTS_GROUP: usize = 2;
 
 /// Kinds of [`PunctualLight`]. Those from `Sun` on have an extent: rays can meet them, which go on behind them, for they emit and
 /// block nothing.
@@ -96,7 +107,7 @@ impl PunctualKind {
 pub struct PunctualLight {
     /// Relative to the origin; directional: unused.
     pub position: [f32; 3],
-    /// [`PunctualKind`], [`PunctualLight::VISIBLE`], and from [`PunctualLight::PROFILE_SHIFT`] on one more than the index into
+    /// [`PunctualKind`], [`PunctualLight::VISIBLE`], from [`PunctualLight::GROUP_SHIFT`] on its group where light is split, and from [`PunctualLight::PROFILE_SHIFT`] on one more than the index into
     /// [`Lighting::profiles`], or 0.
     pub kind: u32,
     /// Direction that it shines in, unit length.
@@ -117,12 +128,19 @@ pub struct PunctualLight {
 impl PunctualLight {
     /// Bit of `kind`: the camera sees it.
     pub const VISIBLE: u32 = 1 << 8;
+    /// Bits of `kind` below the index of its group, which has seven.
+    pub const GROUP_SHIFT: u32 = 9;
     /// Bits of `kind` below the index of its profile.
     pub const PROFILE_SHIFT: u32 = 16;
 
     /// [`PunctualKind`].
     pub fn kind(&self) -> u32 {
         self.kind & (Self::VISIBLE - 1)
+    }
+
+    /// Index of its group; 0 where light is not split.
+    pub fn group(&self) -> usize {
+        (self.kind >> Self::GROUP_SHIFT & 0x7f) as usize
     }
 
     /// Index of its profile.

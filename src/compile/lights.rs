@@ -8,9 +8,11 @@ use super::motion;
 use super::own_light;
 use super::profiles::Profiles;
 use super::walk::placed_nodes;
-use super::{CompileError, CompiledScene, DefaultTaken, Emitter, Environment, EnvironmentKind, Hdri, LightPick};
+use super::{
+    CompileError, CompiledScene, DefaultTaken, Emitter, Environment, EnvironmentKind, Hdri, LIGHTS_GROUP, LightPick,
+};
 use super::{Lighting, PunctualKind, PunctualLight};
-use crate::params::{FieldError, Mode, ProfileParams, RenderParams};
+use crate::params::{FieldError, Mode, ProfileParams, RenderParams, STANDING_GROUPS};
 use crate::scene::{Profile, Scene, Warning};
 use glam::{DVec3, Vec3};
 use std::collections::BTreeMap;
@@ -77,6 +79,9 @@ pub fn light(
                     let profile = files.profiles.get(ies).ok_or_else(missing)?;
                     profiles.lay(profile, &mut light, &place)?;
                 }
+                if let Some(group) = named_group(params, index) {
+                    light.kind |= (group as u32) << PunctualLight::GROUP_SHIFT;
+                }
                 lights.push(vec![light]);
             }
             Given::Ambient(radiance) => ambient += radiance,
@@ -99,6 +104,12 @@ pub fn light(
     };
     let neutral = &lighting.lights[lights.len()..];
     lights.extend(neutral.iter().map(|light| vec![*light]));
+    if let Some(named) = &params.light_groups {
+        let names = STANDING_GROUPS.into_iter().map(str::to_owned);
+        lighting.groups = names.chain(named.keys().cloned()).collect();
+        let unnamed = lights.iter_mut().flatten().filter(|light| light.group() == 0);
+        unnamed.for_each(|light| light.kind |= (LIGHTS_GROUP as u32) << PunctualLight::GROUP_SHIFT);
+    }
     lights.sort_by_key(|way| way.iter().any(|light| !light.has_extent()));
     lighting.lights = lights.iter().filter_map(|way| way.first().copied()).collect();
     lighting.way = ways(&lights);
@@ -106,6 +117,12 @@ pub fn light(
     fill_table(&mut lighting, compiled, path);
     lighting.environment_probability = environment_probability(&lighting, path);
     Ok(Lit { lighting, defaults, warning: choice.and_then(|choice| choice.warning) })
+}
+
+/// Which of [`Lighting::groups`] a light of the request was given to by name.
+fn named_group(params: &RenderParams, light: usize) -> Option<usize> {
+    let place = params.light_groups.as_ref()?.values().position(|lights| lights.contains(&light))?;
+    Some(STANDING_GROUPS.len() + place)
 }
 
 /// Lights of the file, each at every moment of the shutter at which it is looked at.

@@ -30,7 +30,7 @@ pub(super) fn compile(
     let params = &order.params;
     let maps = order.maps.iter().filter_map(|image| Some((image.id.clone(), image.map()?))).collect();
     let (scene, compiled) = order.scene.compile(params, &maps)?;
-    let film = film_bytes(params.width, params.height);
+    let film = film_bytes(params.width, params.height, params.groups());
     let copy = if film <= copied { film } else { 0 };
     let pixels = u64::from(params.width) * u64::from(params.height);
     let denoising = if params.denoise { pixels * DENOISE_BYTES_PER_PIXEL } else { 0 };

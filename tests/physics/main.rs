@@ -8,6 +8,7 @@ mod closed_form;
 mod direct;
 mod extended_lights;
 mod invariance;
+mod light_groups;
 mod many_lights;
 mod materials;
 mod motion;
