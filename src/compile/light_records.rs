@@ -85,7 +85,6 @@ pub fn of_request(light: &LightParams, origin: DVec3, with_extent: bool) -> Give
                 inner: edge(inner_cone_degrees.to_radians()),
                 outer: edge(outer_cone_degrees.to_radians()),
                 axis: zero(profile.as_ref(), unit(direction)),
-                ..blank
             }
         }
         LightParams::Rect { position, direction, up, width, height, color, intensity, visible } => PunctualLight {
