@@ -279,6 +279,9 @@ impl Uploads<'_> {
         for (_, file) in params.map_names_mut() {
             *file = self.image(file)?;
         }
+        for (_, file) in params.profile_names_mut() {
+            *file = self.image(file)?;
+        }
         let Item { name, priority, webhook, .. } = item;
         let webhook = webhook.as_ref().map(|url| json!({ "url": url }));
         let line = json!({ "scene": scene, "name": name, "params": params, "priority": priority, "webhook": webhook });

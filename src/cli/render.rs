@@ -4,7 +4,7 @@ use super::progress::Bar;
 use super::request::{Request, Target, request};
 use super::summary::Summary;
 use super::{Failure, apart, demo, manifest};
-use crate::compile::{self, Hdri, MapFiles};
+use crate::compile::{self, Hdri, LightFiles, MapFiles};
 use crate::denoise::{Bounds, Denoiser};
 use crate::film::{self, Aov, Aovs};
 use crate::jobs::StoredScene;
@@ -13,8 +13,9 @@ use crate::render::denoised::{Denoising, denoised};
 use crate::render::prepare::{Prepared, prepare, render_to_end};
 use crate::render::report::{Report, Stages};
 use crate::render::{Engine, Engines, RenderError};
-use crate::scene::{self, Package};
+use crate::scene::{self, Package, Profile};
 use clap::Args;
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -40,7 +41,7 @@ pub struct RenderArgs {
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// What is known of each pixel besides, as .exr: `standard_error=FILE.exr`, `samples=FILE.exr`; with `denoise`
-    /// also `undenoised`, `albedo`, `normal`. May be repeated.
+    /// also `undenoised`, `albedo`, `normal`; with `light_groups` that. May be repeated.
     #[arg(long, value_name = "NAME=FILE", value_parser = aov)]
     pub aov: Vec<(Aov, PathBuf)>,
     /// Library of Open Image Denoise, or its folder, for `denoise`; without one it is looked for where the system keeps libraries.
@@ -83,10 +84,10 @@ pub fn run(arguments: &RenderArgs) -> Result<(), Failure> {
         picture(&mut Engines::new(), denoiser.as_ref(), prepared, stages, &request.params, arguments.quiet)?;
     write(&request.target, &bytes)?;
     for (aov, path) in &arguments.aov {
-        let picture = aovs.picture(*aov).ok_or_else(|| {
-            Failure::Machine(format!("--aov {}: {}", aov.name(), aov.lack(1, false).unwrap_or_default()))
+        let bytes = film::encode_aov(&aovs, *aov, &report.facts()).ok_or_else(|| {
+            Failure::Machine(format!("--aov {}: {}", aov.name(), aov.lack(1, false, false).unwrap_or_default()))
         })?;
-        let bytes = film::encode_aov(&picture, &report.facts()).map_err(|error| Failure::Machine(error.to_string()))?;
+        let bytes = bytes.map_err(|error| Failure::Machine(error.to_string()))?;
         write(&Target::File(path.clone()), &bytes)?;
     }
     tell(arguments, &request, &report)
@@ -108,7 +109,7 @@ fn check_aovs(aovs: &[(Aov, PathBuf)], params: &RenderParams) -> Result<(), Fail
         if path.parent().is_some_and(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
             return Err(Failure::Request(format!("--aov {}: there is no such folder", path.display())));
         }
-        if let Some(lack) = aov.lack(params.max_samples, params.denoise) {
+        if let Some(lack) = aov.lack(params.max_samples, params.denoise, params.light_groups.is_some()) {
             return Err(Failure::Request(format!("--aov {}: {lack}", aov.name())));
         }
     }
@@ -131,12 +132,12 @@ impl Stage {
         let mut stages = Stages::default();
         let begun = Instant::now();
         let scene = self.import(name)?;
-        let (hdri, maps) = (hdri(params)?, maps(params)?);
+        let (maps, lights) = (maps(params)?, LightFiles { hdri: hdri(params)?, profiles: profiles(params)? });
         stages.import = seconds(begun);
         let begun = Instant::now();
         let faulty = |fault: String| Failure::Request(format!("{name}: {fault}"));
         let (posed, compiled) = scene.compile(params, &maps).map_err(|error| faulty(error.to_string()))?;
-        let prepared = prepare(&posed, compiled, params, hdri).map_err(|error| faulty(error.to_string()))?;
+        let prepared = prepare(&posed, compiled, params, lights).map_err(|error| faulty(error.to_string()))?;
         stages.compile = seconds(begun);
         Ok((prepared, stages))
     }
@@ -187,6 +188,16 @@ fn maps(params: &RenderParams) -> Result<MapFiles, Failure> {
         Ok((name.to_owned(), Arc::from(bytes)))
     };
     params.map_names().into_iter().map(read).collect()
+}
+
+/// The profiles of lights, which are files here.
+fn profiles(params: &RenderParams) -> Result<BTreeMap<String, Arc<Profile>>, Failure> {
+    let read = |name: &str| {
+        let faulty = |fault: String| Failure::Request(format!("profile {name}: {fault}"));
+        let bytes = std::fs::read(name).map_err(|error| faulty(error.to_string()))?;
+        Ok((name.to_owned(), Arc::new(Profile::read(&bytes).map_err(faulty)?)))
+    };
+    params.profile_names().map(read).collect()
 }
 
 /// Traces and encodes.

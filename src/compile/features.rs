@@ -62,6 +62,8 @@ pub struct Features {
     pub detail: bool,
     /// There are punctual lights.
     pub punctual: bool,
+    /// Some of them have a measured profile.
+    pub profiles: bool,
     /// There are lights with an extent.
     pub extended_lights: bool,
     /// There are emitting triangles.
@@ -114,6 +116,7 @@ pub fn features(scene: &CompiledScene, lighting: &Lighting, view: &View, params:
         spheres: scene.stats.spheres > 0,
         detail: !scene.details.is_empty(),
         punctual: lighting.lights.len() > lighting.extended as usize,
+        profiles: !lighting.profiles.is_empty(),
         extended_lights: lighting.extended > 0,
         emitters: path && !scene.emitters.is_empty(),
         light_tree: lighting.tree_probability > 0.0,

@@ -1,10 +1,13 @@
 //! Lights of the file and of the request, as kernels read them.
 
 use super::{PunctualKind, PunctualLight};
-use crate::params::{LightParams, SpotFalloff};
+use crate::params::{LightParams, ProfileParams, SpotFalloff};
 use crate::scene::{Light, LightKind, Placed};
 use glam::{DVec3, Vec3};
 use std::f32::consts::FRAC_PI_2;
+
+/// Where luminaires that hang shine.
+const DOWN: [f64; 3] = [0.0, -1.0, 0.0];
 
 /// What a light of the request becomes.
 pub enum Given {
@@ -22,6 +25,7 @@ pub fn of_file(light: &Light, placed: &Placed, origin: DVec3) -> PunctualLight {
         LightKind::Spot { inner_cone, outer_cone } => (PunctualKind::Spot, inner_cone.cos(), outer_cone.cos()),
     };
     let direction = placed.world.transform_vector3(DVec3::NEG_Z).normalize_or(DVec3::NEG_Z);
+    let zero = light.profile.as_ref().map(|_| aside(direction, placed.world.transform_vector3(DVec3::X)));
     PunctualLight {
         position: (placed.world.translation - origin).as_vec3().to_array(),
         kind: kind as u32,
@@ -30,7 +34,7 @@ pub fn of_file(light: &Light, placed: &Placed, origin: DVec3) -> PunctualLight {
         intensity: light.intensity.to_array(),
         inner,
         outer,
-        axis: [0.0; 3],
+        axis: zero.unwrap_or(DVec3::ZERO).as_vec3().to_array(),
     }
 }
 
@@ -48,9 +52,11 @@ pub fn of_request(light: &LightParams, origin: DVec3, with_extent: bool) -> Give
             inner: versine(0.5 * f64::from(*angular_diameter_degrees).to_radians()),
             ..blank
         },
-        LightParams::Point { position, color, intensity, range } => PunctualLight {
+        LightParams::Point { position, direction, color, intensity, range, profile } => PunctualLight {
             kind: PunctualKind::Point as u32,
             position: place(position),
+            direction: unit(&direction.unwrap_or(DOWN)).as_vec3().to_array(),
+            axis: zero(profile.as_ref(), unit(&direction.unwrap_or(DOWN))),
             intensity: scaled(color, *intensity),
             range: range.unwrap_or(f32::INFINITY),
             ..blank
@@ -64,6 +70,7 @@ pub fn of_request(light: &LightParams, origin: DVec3, with_extent: bool) -> Give
             inner_cone_degrees,
             outer_cone_degrees,
             falloff,
+            profile,
         } => {
             let (kind, edge): (_, fn(f32) -> f32) = match falloff {
                 SpotFalloff::Gltf => (PunctualKind::Spot, f32::cos),
@@ -77,7 +84,7 @@ pub fn of_request(light: &LightParams, origin: DVec3, with_extent: bool) -> Give
                 range: range.unwrap_or(f32::INFINITY),
                 inner: edge(inner_cone_degrees.to_radians()),
                 outer: edge(outer_cone_degrees.to_radians()),
-                ..blank
+                axis: zero(profile.as_ref(), unit(direction)),
             }
         }
         LightParams::Rect { position, direction, up, width, height, color, intensity, visible } => PunctualLight {
@@ -129,6 +136,18 @@ fn times(light: &PunctualLight, area: f32) -> [f32; 3] {
 /// Of unit length.
 fn unit(direction: &[f64; 3]) -> DVec3 {
     DVec3::from_array(*direction).normalize_or(DVec3::NEG_Z)
+}
+
+/// The zero azimuth of a light's profile, if it has one.
+fn zero(profile: Option<&ProfileParams>, direction: DVec3) -> [f32; 3] {
+    profile.map_or([0.0; 3], |profile| aside(direction, unit(&profile.zero_azimuth)).as_vec3().to_array())
+}
+
+/// The part of a vector at right angles to a direction, of unit length; any such, if there is none.
+fn aside(direction: DVec3, vector: DVec3) -> DVec3 {
+    let rest = vector.normalize_or_zero();
+    let rest = rest - rest.dot(direction) * direction;
+    if rest.length() > 1e-6 { rest.normalize() } else { direction.any_orthonormal_vector() }
 }
 
 /// At right angles to both; if they are parallel, to the first.

@@ -1,7 +1,8 @@
 //! [`Lighting`] and its tables, as kernels read them.
 
+use crate::scene::Profile;
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -18,6 +19,12 @@ pub struct Lighting {
     /// moves; else empty.
     #[serde(with = "crate::pod")]
     pub way: Vec<PunctualLight>,
+    /// Measured distributions of some of the lights.
+    pub profiles: Vec<Profile>,
+    /// Names of the groups that the picture's light is split by, the standing ones first ([`STANDING_GROUPS`]); empty: it is not split.
+    ///
+    /// [`STANDING_GROUPS`]: crate::params::STANDING_GROUPS
+    pub groups: Vec<String>,
     /// Entries of `lights` then emitters; empty if there are neither. All are an alias table; if there is a tree, those of `lights`.
     #[serde(with = "crate::pod")]
     pub picks: Vec<LightPick>,
@@ -43,12 +50,24 @@ impl Lighting {
         !self.way.is_empty()
     }
 
+    /// Candela of a light's profile towards a direction of unit length, on which its intensity is a factor; 1 without a profile.
+    pub fn profile_factor(&self, light: &PunctualLight, direction: DVec3) -> f64 {
+        profile_factor(&self.profiles, light, direction)
+    }
+
     /// Entries of `picks` that are the alias table.
     pub fn table(&self) -> &[LightPick] {
         let count = if self.tree_probability > 0.0 { self.lights.len() } else { self.picks.len() };
         self.picks.get(..count).unwrap_or_default()
     }
 }
+
+/// Index into [`Lighting::groups`] of light from infinity.
+pub const ENVIRONMENT_GROUP: usize = 0;
+/// Of surfaces that emit.
+pub const SURFACES_GROUP: usize = 1;
+/// Of lights that no named group has.
+pub const LIGHTS_GROUP: usize = 2;
 
 /// Kinds of [`PunctualLight`]. Those from `Sun` on have an extent: rays can meet them, which go on behind them, for they emit and
 /// block nothing.
@@ -88,18 +107,19 @@ impl PunctualKind {
 pub struct PunctualLight {
     /// Relative to the origin; directional: unused.
     pub position: [f32; 3],
-    /// [`PunctualKind`], and [`PunctualLight::VISIBLE`].
+    /// [`PunctualKind`], [`PunctualLight::VISIBLE`], from [`PunctualLight::GROUP_SHIFT`] on its group where light is split, and from [`PunctualLight::PROFILE_SHIFT`] on one more than the index into
+    /// [`Lighting::profiles`], or 0.
     pub kind: u32,
     /// Direction that it shines in, unit length.
     pub direction: [f32; 3],
     /// Range; infinity: none.
     pub range: f32,
-    /// Candela; lux (directional, sun); radiance (sphere, disk, rect).
+    /// Candela, or with a profile a factor on it; lux (directional, sun); radiance (sphere, disk, rect).
     pub intensity: [f32; 3],
     /// Spot: cosine of the inner cone (`SpotLinear`: its angle). Sun: 1 less the cosine of its half angle. Sphere, disk: radius.
     /// Rect: half width.
     pub inner: f32,
-    /// Rect: unit vector along its width.
+    /// Rect: unit vector along its width. With a profile: its zero azimuth, a unit vector at right angles to the direction.
     pub axis: [f32; 3],
     /// Spot: cosine of the outer cone (`SpotLinear`: its angle). Rect: half height.
     pub outer: f32,
@@ -108,10 +128,24 @@ pub struct PunctualLight {
 impl PunctualLight {
     /// Bit of `kind`: the camera sees it.
     pub const VISIBLE: u32 = 1 << 8;
+    /// Bits of `kind` below the index of its group, which has seven.
+    pub const GROUP_SHIFT: u32 = 9;
+    /// Bits of `kind` below the index of its profile.
+    pub const PROFILE_SHIFT: u32 = 16;
 
     /// [`PunctualKind`].
     pub fn kind(&self) -> u32 {
-        self.kind & !Self::VISIBLE
+        self.kind & (Self::VISIBLE - 1)
+    }
+
+    /// Index of its group; 0 where light is not split.
+    pub fn group(&self) -> usize {
+        (self.kind >> Self::GROUP_SHIFT & 0x7f) as usize
+    }
+
+    /// Index of its profile.
+    pub fn profile(&self) -> Option<usize> {
+        (self.kind >> Self::PROFILE_SHIFT).checked_sub(1).map(|index| index as usize)
     }
 
     /// Whether rays can meet it.
@@ -128,6 +162,13 @@ impl PunctualLight {
             _ => 0.0,
         }
     }
+}
+
+/// As [`Lighting::profile_factor`].
+pub(super) fn profile_factor(profiles: &[Profile], light: &PunctualLight, direction: DVec3) -> f64 {
+    let Some(profile) = light.profile() else { return 1.0 };
+    let [beam, zero] = [light.direction, light.axis].map(|axis| DVec3::from(axis.map(f64::from)));
+    profiles.get(profile).map_or(0.0, |profile| profile.candela(beam, zero, direction))
 }
 
 /// Entry of the alias table over lights (Walker 1974; Vose 1991), with what a sampled light needs at hand.

@@ -6,17 +6,39 @@ use super::environment;
 use super::light_records::{Given, of_file, of_request};
 use super::motion;
 use super::own_light;
+use super::profiles::Profiles;
 use super::walk::placed_nodes;
-use super::{CompileError, CompiledScene, DefaultTaken, Emitter, Environment, EnvironmentKind, Hdri, LightPick};
+use super::{
+    CompileError, CompiledScene, DefaultTaken, Emitter, Environment, EnvironmentKind, Hdri, LIGHTS_GROUP, LightPick,
+};
 use super::{Lighting, PunctualKind, PunctualLight};
-use crate::params::{Mode, RenderParams};
-use crate::scene::{Scene, Warning};
-use glam::Vec3;
+use crate::params::{FieldError, Mode, ProfileParams, RenderParams, STANDING_GROUPS};
+use crate::scene::{Profile, Scene, Warning};
+use glam::{DVec3, Vec3};
+use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 /// Share of picks that goes to all lights alike: none becomes rare because its estimate is poor.
 const UNIFORM_SHARE: f64 = 0.1;
+
+/// Directions in which the power of a light with a profile is looked for.
+const PROFILE_POINTS: usize = 128;
+
+/// Files that the light of a request names, read.
+#[derive(Debug, Clone, Default)]
+pub struct LightFiles {
+    /// The picture of `params.environment`.
+    pub hdri: Option<Arc<Hdri>>,
+    /// Profiles of `params.lights`, by the names that they have there.
+    pub profiles: BTreeMap<String, Arc<Profile>>,
+}
+
+impl From<Option<Arc<Hdri>>> for LightFiles {
+    fn from(hdri: Option<Arc<Hdri>>) -> Self {
+        Self { hdri, ..Self::default() }
+    }
+}
 
 /// What shines in one request, and what is to be said of it.
 #[derive(Debug)]
@@ -29,26 +51,39 @@ pub struct Lit {
     pub warning: Option<Warning>,
 }
 
-/// Compiles everything that shines in one request. `hdri` is the picture that `params.environment` names.
+/// Compiles everything that shines in one request.
 ///
 /// # Errors
-/// [`CompileError::Params`] if the environment's fields contradict each other or the picture is missing.
+/// [`CompileError::Params`] if the environment's fields contradict each other or a file is missing.
 pub fn light(
     scene: &Scene,
     compiled: &CompiledScene,
     params: &RenderParams,
-    hdri: Option<Arc<Hdri>>,
+    files: LightFiles,
 ) -> Result<Lit, CompileError> {
     let path = params.mode == Mode::Path;
     let mut lighting = Lighting::default();
     // Each at one moment or at several, the first of which stands for all.
-    let mut lights = if params.scene_lights { lights_of_file(scene, compiled, params)? } else { Vec::new() };
+    let mut profiles = Profiles::default();
+    let mut lights =
+        if params.scene_lights { lights_of_file(scene, compiled, params, &mut profiles)? } else { Vec::new() };
     let reaching = |way: &Vec<PunctualLight>| way.iter().any(|light| reaches(light, compiled));
     let brought_along = lights.iter().filter(|way| reaching(way)).count();
     let mut ambient = Vec3::ZERO;
-    for given in &params.lights {
+    for (index, given) in params.lights.iter().enumerate() {
         match of_request(given, compiled.origin, path) {
-            Given::Light(light) => lights.push(vec![light]),
+            Given::Light(mut light) => {
+                if let Some(ProfileParams { ies, .. }) = given.profile() {
+                    let place = format!("/params/lights/{index}/ies");
+                    let missing = || FieldError::new(&place, format!("there is no profile `{ies}`"));
+                    let profile = files.profiles.get(ies).ok_or_else(missing)?;
+                    profiles.lay(profile, &mut light, &place)?;
+                }
+                if let Some(group) = named_group(params, index) {
+                    light.kind |= (group as u32) << PunctualLight::GROUP_SHIFT;
+                }
+                lights.push(vec![light]);
+            }
             Given::Ambient(radiance) => ambient += radiance,
         }
     }
@@ -56,11 +91,12 @@ pub fn light(
     lights.retain(reaching);
     lighting.skipped = (all - lights.len()) as u32;
     lighting.lights = lights.iter().filter_map(|way| way.first().copied()).collect();
-    lighting.environment = environment::given(&params.environment, hdri)?;
+    lighting.profiles = profiles.list();
+    lighting.environment = environment::given(&params.environment, files.hdri)?;
     lighting.environment.ambient = ambient;
     let is_open = params.environment.is_auto();
     let is_asked_for = lights.len() > brought_along || ambient != Vec3::ZERO;
-    let choice = (is_open && !is_asked_for).then(|| own_light::choose(compiled, &lighting.lights, params.mode));
+    let choice = (is_open && !is_asked_for).then(|| own_light::choose(compiled, &lighting, params.mode));
     let defaults = match &choice {
         Some(choice) if choice.neutral => environment::neutral(params.mode, &mut lighting),
         _ if is_open => vec![DefaultTaken { what: "environment".into(), value: serde_json::Value::Null }],
@@ -68,6 +104,12 @@ pub fn light(
     };
     let neutral = &lighting.lights[lights.len()..];
     lights.extend(neutral.iter().map(|light| vec![*light]));
+    if let Some(named) = &params.light_groups {
+        let names = STANDING_GROUPS.into_iter().map(str::to_owned);
+        lighting.groups = names.chain(named.keys().cloned()).collect();
+        let unnamed = lights.iter_mut().flatten().filter(|light| light.group() == 0);
+        unnamed.for_each(|light| light.kind |= (LIGHTS_GROUP as u32) << PunctualLight::GROUP_SHIFT);
+    }
     lights.sort_by_key(|way| way.iter().any(|light| !light.has_extent()));
     lighting.lights = lights.iter().filter_map(|way| way.first().copied()).collect();
     lighting.way = ways(&lights);
@@ -77,11 +119,18 @@ pub fn light(
     Ok(Lit { lighting, defaults, warning: choice.and_then(|choice| choice.warning) })
 }
 
+/// Which of [`Lighting::groups`] a light of the request was given to by name.
+fn named_group(params: &RenderParams, light: usize) -> Option<usize> {
+    let place = params.light_groups.as_ref()?.values().position(|lights| lights.contains(&light))?;
+    Some(STANDING_GROUPS.len() + place)
+}
+
 /// Lights of the file, each at every moment of the shutter at which it is looked at.
 fn lights_of_file(
     scene: &Scene,
     compiled: &CompiledScene,
     params: &RenderParams,
+    profiles: &mut Profiles,
 ) -> Result<Vec<Vec<PunctualLight>>, CompileError> {
     let poses = motion::poses(scene, params)?;
     let poses = if poses.is_empty() { std::slice::from_ref(scene) } else { &poses[..] };
@@ -94,7 +143,11 @@ fn lights_of_file(
             if lights.len() == index {
                 lights.push(Vec::with_capacity(poses.len()));
             }
-            lights[index].push(of_file(light, &placed, compiled.origin));
+            let mut compiled_light = of_file(light, &placed, compiled.origin);
+            if let Some(profile) = &light.profile {
+                profiles.lay(profile, &mut compiled_light, "/extensions/EXT_lights_ies")?;
+            }
+            lights[index].push(compiled_light);
             index += 1;
         }
     }
@@ -103,7 +156,7 @@ fn lights_of_file(
 
 /// All lights at each moment, one moment after the other; empty: none moves.
 fn ways(lights: &[Vec<PunctualLight>]) -> Vec<PunctualLight> {
-    let place = |light: &PunctualLight| (light.position, light.direction);
+    let place = |light: &PunctualLight| (light.position, light.direction, light.axis);
     let moves = |way: &Vec<PunctualLight>| way.windows(2).any(|pair| place(&pair[0]) != place(&pair[1]));
     if !lights.iter().any(moves) {
         return Vec::new();
@@ -153,7 +206,7 @@ fn reaches(light: &PunctualLight, compiled: &CompiledScene) -> bool {
 fn fill_table(lighting: &mut Lighting, compiled: &CompiledScene, path: bool) {
     let emitters = if path { &compiled.emitters[..] } else { &[] };
     let trails = if path { &compiled.light_tree.trails[..] } else { &[] };
-    let lights = lighting.lights.iter().map(|light| flux(light, compiled));
+    let lights = lighting.lights.iter().map(|light| flux(light, lighting, compiled));
     let mut weights: Vec<f64> = lights.chain(emitters.iter().map(Emitter::power)).collect();
     add_floor(&mut weights);
     if !trails.is_empty() {
@@ -188,14 +241,15 @@ fn add_floor(weights: &mut [f64]) {
     }
 }
 
-fn flux(light: &PunctualLight, compiled: &CompiledScene) -> f64 {
+fn flux(light: &PunctualLight, lighting: &Lighting, compiled: &CompiledScene) -> f64 {
     let strength = f64::from(luminance(Vec3::from_array(light.intensity)));
     let radius = compiled.bounds.radius();
     let kind = light.kind();
     if kind == PunctualKind::Directional as u32 || kind == PunctualKind::Sun as u32 {
         return strength * PI * radius * radius;
     }
-    let distance = Vec3::from_array(light.position).as_dvec3().distance(compiled.bounds.centre());
+    let to_centre = compiled.bounds.centre() - Vec3::from_array(light.position).as_dvec3();
+    let distance = to_centre.length();
     let cap = |cosine: f64| TAU * (1.0 - cosine);
     let sphere = if distance > radius { cap((1.0 - (radius / distance).powi(2)).sqrt()) } else { 2.0 * TAU };
     let beam = match kind {
@@ -207,5 +261,24 @@ fn flux(light: &PunctualLight, compiled: &CompiledScene) -> f64 {
         _ if light.has_extent() => return strength * f64::from(light.area()) * sphere.min(PI),
         _ => 2.0 * TAU,
     };
-    strength * sphere.min(beam)
+    let narrower = sphere.min(beam);
+    if light.profile().is_some() {
+        let axis = if beam < sphere { Vec3::from_array(light.direction).as_dvec3() } else { to_centre / distance };
+        return strength * narrower * mean_candela(light, lighting, axis, 1.0 - narrower / TAU);
+    }
+    strength * narrower
+}
+
+/// Mean over a cone about an axis of unit length, whose edge is at a cosine from it, on a spiral of equal areas.
+fn mean_candela(light: &PunctualLight, lighting: &Lighting, axis: DVec3, edge: f64) -> f64 {
+    let golden = PI * (3.0 - 5.0f64.sqrt());
+    let axis = if axis.is_finite() { axis } else { DVec3::Y };
+    let (x, y) = axis.any_orthonormal_pair();
+    let towards = |index: usize| {
+        let cosine = 1.0 - (1.0 - edge) * (index as f64 + 0.5) / PROFILE_POINTS as f64;
+        let (sin, cos) = (golden * index as f64).sin_cos();
+        axis * cosine + (x * cos + y * sin) * (1.0 - cosine * cosine).max(0.0).sqrt()
+    };
+    let sum: f64 = (0..PROFILE_POINTS).map(|index| lighting.profile_factor(light, towards(index))).sum();
+    sum / PROFILE_POINTS as f64
 }

@@ -33,6 +33,7 @@ mod materials;
 mod moment;
 pub mod motion;
 mod own_light;
+mod profiles;
 mod quantize;
 mod repeats;
 mod sight;
@@ -56,9 +57,10 @@ pub use geometry::{compile_request, compile_scene};
 pub use hdri::{ENVIRONMENT_PIXELS, HdriError, decode_hdri, decode_radiance};
 pub use light_tree::{LightNode, LightTree};
 pub use lighting::{
-    Environment, EnvironmentCell, EnvironmentKind, Hdri, LightPick, Lighting, PunctualKind, PunctualLight, Share,
+    ENVIRONMENT_GROUP, Environment, EnvironmentCell, EnvironmentKind, Hdri, LIGHTS_GROUP, LightPick, Lighting,
+    PunctualKind, PunctualLight, SURFACES_GROUP, Share,
 };
-pub use lights::{Lit, light, shines};
+pub use lights::{LightFiles, Lit, light, shines};
 pub use look::MapFiles;
 pub use moment::moment;
 pub use motion::Motion;

@@ -4,7 +4,7 @@
 //! Presence alone says little: a lamp in a box lights a picture, the glow of a headlight lights none. So the irradiance on
 //! points spread over the scene's surfaces is compared with the neutral sky's. Nothing is in the way of either.
 
-use super::{CompiledScene, Emitter, Instance, PunctualKind, PunctualLight};
+use super::{CompiledScene, Emitter, Instance, Lighting, PunctualKind, PunctualLight};
 use crate::params::Mode;
 use crate::scene::Warning;
 use glam::DVec3;
@@ -51,9 +51,9 @@ pub struct Choice {
 }
 
 /// Chooses for a request without lights of its own. `lights`: those of the file that reach the scene.
-pub fn choose(compiled: &CompiledScene, lights: &[PunctualLight], mode: Mode) -> Choice {
+pub fn choose(compiled: &CompiledScene, lights: &Lighting, mode: Mode) -> Choice {
     let glows = !compiled.emitters.is_empty();
-    if lights.is_empty() && !glows {
+    if lights.lights.is_empty() && !glows {
         return Choice { neutral: true, warning: None };
     }
     let (in_path, of_lights) = (share(compiled, lights, true), share(compiled, lights, false));
@@ -73,10 +73,10 @@ pub fn choose(compiled: &CompiledScene, lights: &[PunctualLight], mode: Mode) ->
             format!(
                 "the request leaves light open, and surfaces that emit light nothing but themselves in this mode: neutral light was \
                  added. In mode path they give the scene {} of the neutral sky's light; it is shown {in_path}",
-                percent(share(compiled, &[], true))
+                percent(share(compiled, &Lighting::default(), true))
             )
         }
-        false if lights.is_empty() => format!(
+        false if lights.lights.is_empty() => format!(
             "the request leaves light open, and surfaces that emit give the scene {} of the neutral sky's light: it is lit by them \
              alone. Give an `environment` for more",
             percent(here)
@@ -92,12 +92,13 @@ pub fn choose(compiled: &CompiledScene, lights: &[PunctualLight], mode: Mode) ->
 /// Light of emitters (if they count) and of lights that reaches the scene's surfaces, in terms of the neutral sky's: on the best lit quarter
 /// of them, as what hides from all light, or stretches to the horizon, says nothing of the rest. A point counts for no more than the
 /// sky would give it, so that few bright ones do not stand for the whole.
-fn share(compiled: &CompiledScene, lights: &[PunctualLight], emission: bool) -> f64 {
+fn share(compiled: &CompiledScene, lights: &Lighting, emission: bool) -> f64 {
     let points = compiled.surface.0.get_or_init(|| points(compiled));
-    let step = (points.len() * lights.len()).div_ceil(MOST_PAIRS).max(1);
+    let step = (points.len() * lights.lights.len()).div_ceil(MOST_PAIRS).max(1);
     let at = |point: &Point| {
         let emitted = if emission { point.emitted } else { 0.0 };
-        let lit = lights.iter().map(|light| irradiance(light, point)).fold(emitted, |sum, lit| sum + lit);
+        let lit = lights.lights.iter().map(|light| irradiance(light, lights, point));
+        let lit = lit.fold(emitted, |sum, lit| sum + lit);
         (lit / SKY).min(1.0)
     };
     let mut lit: Vec<f64> = points.iter().step_by(step).map(at).collect();
@@ -107,7 +108,7 @@ fn share(compiled: &CompiledScene, lights: &[PunctualLight], emission: bool) -> 
 }
 
 /// Luminous irradiance of a light of a file.
-fn irradiance(light: &PunctualLight, point: &Point) -> f64 {
+fn irradiance(light: &PunctualLight, lights: &Lighting, point: &Point) -> f64 {
     let strength = f64::from(super::emitters::luminance(light.intensity.into()));
     let axis = DVec3::from(light.direction.map(f64::from));
     if light.kind() == PunctualKind::Directional as u32 {
@@ -119,6 +120,7 @@ fn irradiance(light: &PunctualLight, point: &Point) -> f64 {
     let window = (1.0 - (distance / f64::from(light.range)).powi(4)).clamp(0.0, 1.0);
     // The edge of a cone is soft; here it is where the light ends.
     let beam = light.kind() != PunctualKind::Spot as u32 || towards.dot(-axis) > f64::from(light.outer);
+    let strength = strength * lights.profile_factor(light, -towards);
     let lit = strength * point.facing(towards) * window / (distance * distance);
     if beam && lit.is_finite() { lit } else { 0.0 }
 }
@@ -240,7 +242,7 @@ fn middle(number: usize, count: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{EnvironmentKind, Lit, compile_scene, light};
+    use super::super::{EnvironmentKind, LightFiles, Lit, compile_scene, light};
     use super::*;
     use crate::params::RenderParams;
     use crate::scene::{self, Limits, Package, Scene};
@@ -256,8 +258,9 @@ mod tests {
     fn by_default(scene: &Scene, mode: Mode) -> (Lit, f64) {
         let compiled = compile_scene(scene, None).unwrap();
         let params = RenderParams { mode, ..RenderParams::default() };
-        let lit = light(scene, &compiled, &params, None).unwrap();
-        let lights: &[PunctualLight] = if scene.lights.is_empty() { &[] } else { &lit.lighting.lights };
+        let lit = light(scene, &compiled, &params, LightFiles::default()).unwrap();
+        let none = Lighting::default();
+        let lights = if scene.lights.is_empty() { &none } else { &lit.lighting };
         let share = share(&compiled, lights, mode == Mode::Path);
         (lit, share)
     }
@@ -314,6 +317,7 @@ mod tests {
             intensity: [8.0; 3],
             ..PunctualLight::default()
         };
+        let irradiance = |light: &PunctualLight, at: &Point| irradiance(light, &Lighting::default(), at);
         assert!((irradiance(&point, &below) - 2.0).abs() < 1e-6);
         assert_eq!(irradiance(&point, &Point { normal: DVec3::NEG_Y, ..below }), 0.0);
         assert!(irradiance(&PunctualLight { range: 2.0, ..point }, &below) == 0.0);

@@ -19,11 +19,14 @@ pub enum Aov {
     Albedo,
     /// As [`Guides::normal`], of a picture that was denoised.
     Normal,
+    /// The picture's light split by what emitted it: a layer for each group, which add up to the picture before it was denoised.
+    LightGroups,
 }
 
 impl Aov {
     /// All there are.
-    pub const ALL: [Self; 5] = [Self::StandardError, Self::Samples, Self::Undenoised, Self::Albedo, Self::Normal];
+    pub const ALL: [Self; 6] =
+        [Self::StandardError, Self::Samples, Self::Undenoised, Self::Albedo, Self::Normal, Self::LightGroups];
 
     /// As the API and the command line have it.
     pub fn name(self) -> &'static str {
@@ -33,6 +36,7 @@ impl Aov {
             Self::Undenoised => "undenoised",
             Self::Albedo => "albedo",
             Self::Normal => "normal",
+            Self::LightGroups => "light_groups",
         }
     }
 
@@ -45,14 +49,17 @@ impl Aov {
         known.ok_or_else(|| format!("there is no `{name}`: ask for {}", Self::ALL.map(Self::name).join(" or ")))
     }
 
-    /// Why a picture of so many samples per pixel, denoised or not, cannot have it; none: it can.
-    pub fn lack(self, max_samples: u32, denoised: bool) -> Option<&'static str> {
+    /// Why a picture of so many samples per pixel, denoised or not, its light split or not, cannot have it; none: it can.
+    pub fn lack(self, max_samples: u32, denoised: bool, split: bool) -> Option<&'static str> {
         match self {
             Self::StandardError if max_samples < 2 => {
                 Some("one sample per pixel has no spread to measure: ask for a `max_samples` of 2 or more")
             }
             Self::Undenoised | Self::Albedo | Self::Normal if !denoised => {
                 Some("only a picture that was denoised has it (`denoise: true`); any other is undenoised as it is")
+            }
+            Self::LightGroups if !split => {
+                Some("only a picture whose light was split has it: ask for `light_groups: {}`")
             }
             _ => None,
         }
@@ -68,6 +75,8 @@ pub struct Aovs {
     /// Samples by tile.
     samples: Vec<u32>,
     denoised: Option<Denoised>,
+    /// Light groups with their names, by pixel.
+    groups: Vec<(String, Vec<[f32; 3]>)>,
 }
 
 /// What a denoised picture was made from.
@@ -92,6 +101,7 @@ impl Film {
             standard_error: (self.used_replicates() >= 2).then(measured),
             samples: (0..self.tiles.count()).map(|tile| self.tile_samples(tile)).collect(),
             denoised: None,
+            groups: self.group_pictures(),
         }
     }
 }
@@ -113,6 +123,15 @@ impl Aovs {
             Aov::Undenoised => pictured(&self.denoised.as_ref()?.light),
             Aov::Albedo => pictured(&self.denoised.as_ref()?.guides.albedo),
             Aov::Normal => pictured(&self.denoised.as_ref()?.guides.normal),
+            Aov::LightGroups => {
+                let (_, first) = self.groups.first()?;
+                let mut sum = first.clone();
+                for (_, pixels) in self.groups.iter().skip(1) {
+                    let pairs = sum.iter_mut().zip(pixels);
+                    pairs.for_each(|(sum, pixel)| sum.iter_mut().zip(pixel).for_each(|(sum, light)| *sum += light));
+                }
+                pictured(&sum)
+            }
             Aov::Samples => {
                 let samples = |x, y| self.samples[self.tiles.place(x, y).0 as usize] as f32;
                 (0..height).flat_map(|y| (0..width).map(move |x| opaque([samples(x, y); 3]))).collect()
@@ -121,12 +140,18 @@ impl Aovs {
         Some(Picture { width, height, pixels })
     }
 
+    /// Layers that an AOV has besides its picture: names and RGB by pixel.
+    pub(super) fn layers(&self, aov: Aov) -> &[(String, Vec<[f32; 3]>)] {
+        if aov == Aov::LightGroups { &self.groups } else { &[] }
+    }
+
     /// Memory that it takes.
     pub fn bytes(&self) -> usize {
         let of_denoised = |denoised: &Denoised| size_of_val(denoised.light.as_slice()) + denoised.guides.bytes();
         size_of_val(self.samples.as_slice())
             + self.standard_error.as_deref().map_or(0, size_of_val)
             + self.denoised.as_ref().map_or(0, of_denoised)
+            + self.groups.iter().map(|(_, pixels)| size_of_val(pixels.as_slice())).sum::<usize>()
     }
 }
 
@@ -166,7 +191,7 @@ mod tests {
         film.fill([1; REPLICATES], |x, _, _, _| [x as f32, 1.0, 2.0, 0.5]);
         let mut aovs = film.aovs();
         assert_eq!(aovs.picture(Aov::Undenoised), None);
-        assert!(Aov::Undenoised.lack(4, false).is_some() && Aov::Undenoised.lack(4, true).is_none());
+        assert!(Aov::Undenoised.lack(4, false, false).is_some() && Aov::Undenoised.lack(4, true, false).is_none());
         let before = aovs.bytes();
         let guides = Guides { albedo: vec![[0.5; 3]; 2], normal: vec![[0.0, -1.0, 0.0]; 2] };
         aovs.note_denoised(&film.picture(), guides);

@@ -17,6 +17,9 @@ pub struct Changes {
     counts: Vec<u32>,
     #[serde(with = "crate::pod")]
     sums: Vec<[f64; 4]>,
+    /// Of each group the lanes of the tile of each of the cells.
+    #[serde(with = "crate::pod::nested")]
+    groups: Vec<Vec<[f64; 3]>>,
     rates: Option<Vec<i8>>,
 }
 
@@ -29,13 +32,17 @@ impl Seen {
     /// What the film has gained since, which counts as seen from now on.
     pub fn update(&mut self, film: &Film) -> Changes {
         self.counts.resize(film.counts.len(), 0);
-        let mut changes = Changes::default();
+        let mut changes = Changes { groups: vec![Vec::new(); film.groups.len()], ..Changes::default() };
         for (cell, (seen, now)) in self.counts.iter_mut().zip(&film.counts).enumerate() {
             if seen != now {
                 *seen = *now;
                 changes.cells.push(cell as u32);
                 changes.counts.push(*now);
                 changes.sums.extend_from_slice(&film.sums[cell * TILE_PIXELS..][..TILE_PIXELS]);
+                let tile = cell % film.tiles.count() as usize;
+                for (lanes, group) in changes.groups.iter_mut().zip(&film.groups) {
+                    lanes.extend_from_slice(&group.sums[tile * TILE_PIXELS..][..TILE_PIXELS]);
+                }
             }
         }
         if !self.has_rates {
@@ -56,9 +63,11 @@ impl Changes {
 impl Film {
     /// Brings a copy up to date, to the same bits; false if the changes are not of such a film.
     pub fn follow(&mut self, changes: Changes) -> bool {
-        let Changes { cells, counts, sums, rates } = changes;
+        let Changes { cells, counts, sums, groups, rates } = changes;
         let fits = counts.len() == cells.len()
             && sums.len() == cells.len() * TILE_PIXELS
+            && groups.len() == self.groups.len()
+            && groups.iter().all(|lanes| lanes.len() == sums.len())
             && cells.iter().all(|&cell| (cell as usize) < self.counts.len())
             && rates.as_ref().is_none_or(|rates| rates.len() == self.tiles.count() as usize);
         if !fits {
@@ -67,6 +76,12 @@ impl Film {
         for ((&cell, &count), sums) in cells.iter().zip(&counts).zip(sums.chunks_exact(TILE_PIXELS)) {
             self.counts[cell as usize] = count;
             self.sums[cell as usize * TILE_PIXELS..][..TILE_PIXELS].copy_from_slice(sums);
+        }
+        for (group, lanes) in self.groups.iter_mut().zip(&groups) {
+            for (&cell, lanes) in cells.iter().zip(lanes.chunks_exact(TILE_PIXELS)) {
+                let tile = cell as usize % self.tiles.count() as usize;
+                group.sums[tile * TILE_PIXELS..][..TILE_PIXELS].copy_from_slice(lanes);
+            }
         }
         self.rates = rates.or(self.rates.take());
         true

@@ -1,11 +1,11 @@
 //! [`Picture`] -> file bytes. The same picture, parameters and facts always give the same bytes.
 
-use super::Picture;
 use super::tone_mapping::{srgb_encode, tone_map};
+use super::{Aov, Aovs, Picture};
 use crate::params::{ImageFormat, RenderParams};
 use exr::prelude::{
-    Blocks, Compression as ExrCompression, Encoding, Image, Layer, LayerAttributes, LineOrder, SpecificChannels, Text,
-    Vec2 as ExrPosition, WritableImage,
+    AnyChannel, AnyChannels, Blocks, Compression as ExrCompression, Encoding, FlatSamples, Image, Layer,
+    LayerAttributes, LineOrder, SpecificChannels, Text, Vec2 as ExrPosition, WritableImage,
 };
 use glam::{Vec3, Vec4};
 use image::ExtendedColorType;
@@ -15,6 +15,10 @@ use std::io::Cursor;
 
 /// Quality of a JPEG, of 100.
 const JPEG_QUALITY: u8 = 95;
+
+/// How the bytes of an EXR lie.
+const ENCODING: Encoding =
+    Encoding { compression: ExrCompression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
 
 /// Why a picture cannot be written in a format.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -47,9 +51,11 @@ pub fn encode(
     }
 }
 
-/// Writes a picture that is none to look at, like an [`Aov`](super::Aov), as an EXR of three channels; `facts` as in [`encode`].
-pub fn encode_aov(picture: &Picture, facts: &[(String, String)]) -> Result<Vec<u8>, EncodeError> {
-    exr(picture, false, facts)
+/// Writes an AOV as an EXR of three channels, and three more (`name.R` and so on) for each of its layers; `facts` as in [`encode`]. None:
+/// there is no such AOV of this picture.
+pub fn encode_aov(aovs: &Aovs, aov: Aov, facts: &[(String, String)]) -> Option<Result<Vec<u8>, EncodeError>> {
+    let (picture, layers) = (aovs.picture(aov)?, aovs.layers(aov));
+    Some(if layers.is_empty() { exr(&picture, false, facts) } else { exr_layers(&picture, layers, facts) })
 }
 
 fn check_format(picture: &Picture, params: &RenderParams, format: ImageFormat) -> Result<(), EncodeError> {
@@ -117,27 +123,50 @@ fn exr(picture: &Picture, alpha: bool, facts: &[(String, String)]) -> Result<Vec
     };
     let rgba = |at: ExrPosition<usize>| <(f32, f32, f32, f32)>::from(pixel(at));
 
-    // One attribute rather than one per fact: the library writes custom attributes in random order.
-    let lines: Vec<String> = facts.iter().map(|(name, text)| format!("{name}: {text}")).collect();
-    let attributes = LayerAttributes {
-        comments: Text::new_or_none(lines.join("\n")),
-        software_name: Text::new_or_none("Candela"),
-        ..LayerAttributes::default()
-    };
-    let encoding =
-        Encoding { compression: ExrCompression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
     let size = (width, picture.height as usize);
 
     let mut file = Cursor::new(Vec::new());
     let written = if alpha {
-        let layer = Layer::new(size, attributes, encoding, SpecificChannels::rgba(rgba));
+        let layer = Layer::new(size, attributes(facts), ENCODING, SpecificChannels::rgba(rgba));
         Image::from_layer(layer).write().to_buffered(&mut file)
     } else {
-        let layer = Layer::new(size, attributes, encoding, SpecificChannels::rgb(rgb));
+        let layer = Layer::new(size, attributes(facts), ENCODING, SpecificChannels::rgb(rgb));
         Image::from_layer(layer).write().to_buffered(&mut file)
     };
     written.map_err(failed)?;
     Ok(file.into_inner())
+}
+
+/// One part with layers by the names of its channels, as compositing programs write and read it.
+fn exr_layers(
+    picture: &Picture,
+    layers: &[(String, Vec<[f32; 3]>)],
+    facts: &[(String, String)],
+) -> Result<Vec<u8>, EncodeError> {
+    let channel = |name: &str, values: Vec<f32>| AnyChannel::new(name, FlatSamples::F32(values));
+    let of_picture = |(index, name)| channel(name, picture.pixels.iter().map(|pixel| pixel[index]).collect());
+    let of_layer = |(layer, pixels): &(String, Vec<[f32; 3]>)| {
+        let one =
+            |(index, name)| channel(&format!("{layer}.{name}"), pixels.iter().map(|pixel| pixel[index]).collect());
+        ["R", "G", "B"].into_iter().enumerate().map(one).collect::<Vec<_>>()
+    };
+    let whole = ["R", "G", "B"].into_iter().enumerate().map(of_picture);
+    let channels = AnyChannels::sort(whole.chain(layers.iter().flat_map(of_layer)).collect());
+    let layer = Layer::new((picture.width as usize, picture.height as usize), attributes(facts), ENCODING, channels);
+    let mut file = Cursor::new(Vec::new());
+    Image::from_layer(layer).write().to_buffered(&mut file).map_err(failed)?;
+    Ok(file.into_inner())
+}
+
+/// What an EXR says of itself.
+fn attributes(facts: &[(String, String)]) -> LayerAttributes {
+    // One attribute rather than one per fact: the library writes custom attributes in random order.
+    let lines: Vec<String> = facts.iter().map(|(name, text)| format!("{name}: {text}")).collect();
+    LayerAttributes {
+        comments: Text::new_or_none(lines.join("\n")),
+        software_name: Text::new_or_none("Candela"),
+        ..LayerAttributes::default()
+    }
 }
 
 fn eight_bits(picture: &Picture, params: &RenderParams) -> Vec<u8> {
@@ -248,7 +277,7 @@ mod tests {
 
     #[test]
     fn exr_holds_the_radiance_exactly() {
-        use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
+        use exr::prelude::{ReadChannels, ReadLayers, read};
         let picture = render_like(37, 21);
         let file = encode(&picture, &params(8, true), ImageFormat::Exr, &facts()).unwrap();
         let image = read()

@@ -5,6 +5,7 @@ mod changes;
 mod distance;
 mod encode;
 mod error;
+mod groups;
 mod guides;
 mod rates;
 #[cfg(test)]
@@ -48,6 +49,7 @@ pub struct Film {
     /// Sums of (R, G, B, coverage), by replicate, then tile, then lane.
     sums: Vec<[f64; 4]>,
     rates: Option<Vec<i8>>,
+    groups: Vec<groups::Group>,
 }
 
 impl Film {
@@ -55,7 +57,13 @@ impl Film {
     pub fn new(width: u32, height: u32) -> Self {
         let tiles = Tiles::new(width, height);
         let cells = REPLICATES * tiles.count() as usize;
-        Self { tiles, counts: vec![0; cells], sums: vec![[0.0; 4]; cells * TILE_PIXELS], rates: None }
+        Self {
+            tiles,
+            counts: vec![0; cells],
+            sums: vec![[0.0; 4]; cells * TILE_PIXELS],
+            rates: None,
+            groups: Vec::new(),
+        }
     }
 
     /// Adds samples: for each entry of `work`, the sums of its samples of (R, G, B, coverage) in the 64 lanes of its tile.

@@ -1,4 +1,4 @@
-//! `/v1/images`: pictures that parameters name by id.
+//! `/v1/images`: pictures, and profiles of lights, that parameters name by id.
 
 use super::App;
 use super::scenes::{created, some_file};
@@ -11,11 +11,19 @@ use axum::response::Response;
 use serde_json::Value;
 
 const KINDS: Kinds = Kinds {
-    raw: &["image/vnd.radiance", "image/x-exr", "image/png", "image/jpeg", "image/webp", "application/octet-stream"],
+    raw: &[
+        "image/vnd.radiance",
+        "image/x-exr",
+        "image/png",
+        "image/jpeg",
+        "image/webp",
+        "application/x-ies-lm-63",
+        "application/octet-stream",
+    ],
     file_field: "image",
     params: false,
     hint: "send multipart/form-data with the file as `image`, or the file itself as image/vnd.radiance, image/x-exr, \
-           image/png, image/jpeg, image/webp or application/octet-stream",
+           image/png, image/jpeg, image/webp, application/x-ies-lm-63 or application/octet-stream",
 };
 
 /// `POST /v1/images`

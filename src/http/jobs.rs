@@ -125,8 +125,8 @@ pub fn accepted(location: &str, body: Value) -> Response {
 async fn order(app: &App, scene: &str, mut params: RenderParams, priority: i32) -> Result<Order, Problem> {
     let unknown = || Problem { errors: vec![FieldError::new("/scene", "unknown scene")], ..scenes::unknown(scene) };
     let scene = app.service.scene(scene).await?.ok_or_else(unknown)?;
-    let Images { environment: hdri, maps } = app.service.take_images(&mut params, &mut Vec::new()).await?;
-    Ok(Order { scene, hdri, maps, params, priority, stages: Stages::default() })
+    let Images { environment: hdri, maps, profiles } = app.service.take_images(&mut params, &mut Vec::new()).await?;
+    Ok(Order { scene, hdri, maps, profiles, params, priority, stages: Stages::default() })
 }
 
 /// The reply to a request that waited for its job: the picture, or why there is none.

@@ -30,12 +30,12 @@ pub async fn render(State(app): State<App>, request: Request) -> Result<Response
     let format = Some(accept::picture_format(&headers, params.output.format)?);
     let uploaded = begun.elapsed().as_secs_f64();
 
-    let Images { environment: hdri, maps } = app.service.take_images(&mut params, &mut upload.files).await?;
+    let Images { environment: hdri, maps, profiles } = app.service.take_images(&mut params, &mut upload.files).await?;
     let importing = Instant::now();
     let (scene, _) = app.service.add_scene(upload.files, true).await?;
     let stages = Stages { upload: uploaded, import: importing.elapsed().as_secs_f64(), ..Stages::default() };
 
-    let order = Order { scene, hdri, maps, params, priority: 0, stages };
+    let order = Order { scene, hdri, maps, profiles, params, priority: 0, stages };
     let anew = wants_anew(&headers);
     let quota = caller.renders_per_day;
     let submission = Submission { attended: true, anew, format, quota, ..Submission::new(order, caller.client) };

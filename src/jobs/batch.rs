@@ -280,8 +280,9 @@ async fn as_it_stands(batch: Arc<Batch>, content: &str) -> Result<Arc<Batch>, Pr
 fn image_names(params: &RenderParams) -> Vec<(String, String)> {
     let environment = params.hdri_name().map(|name| ("/params/environment/hdri".to_owned(), name.to_owned()));
     let mut params = params.clone();
-    let maps = params.map_names_mut().map(|(pointer, name)| (pointer, name.clone()));
-    environment.into_iter().chain(maps).collect()
+    let owned = |(pointer, name): (String, &mut String)| (pointer, name.clone());
+    let maps: Vec<_> = params.map_names_mut().map(owned).collect();
+    environment.into_iter().chain(maps).chain(params.profile_names_mut().map(owned)).collect()
 }
 
 fn spec_of(item: Item, index: u32, client: &str) -> Spec {

@@ -7,6 +7,7 @@ use super::progress::seconds;
 use super::saved::SavedFilm;
 use super::scenes::compiled_bytes;
 use super::worker::Ready;
+use crate::compile::LightFiles;
 use crate::render::prepare::prepare;
 use std::sync::Arc;
 use std::time::Instant;
@@ -29,7 +30,7 @@ pub(super) fn compile(
     let params = &order.params;
     let maps = order.maps.iter().filter_map(|image| Some((image.id.clone(), image.map()?))).collect();
     let (scene, compiled) = order.scene.compile(params, &maps)?;
-    let film = film_bytes(params.width, params.height);
+    let film = film_bytes(params.width, params.height, params.groups());
     let copy = if film <= copied { film } else { 0 };
     let pixels = u64::from(params.width) * u64::from(params.height);
     let denoising = if params.denoise { pixels * DENOISE_BYTES_PER_PIXEL } else { 0 };
@@ -42,7 +43,8 @@ pub(super) fn compile(
         return Err(Problem::new(Code::RenderTooLarge, detail));
     }
     let hdri = order.hdri.as_ref().and_then(|image| image.environment());
-    let prepared = prepare(&scene, compiled, params, hdri)?;
+    let profiles = order.profiles.iter().filter_map(|image| Some((image.id.clone(), image.profile()?))).collect();
+    let prepared = prepare(&scene, compiled, params, LightFiles { hdri, profiles })?;
     let mut stages = order.stages;
     stages.compile = seconds(begun.elapsed());
     Ok(Ready { job, prepared, saved, stages, since: Instant::now(), bytes })

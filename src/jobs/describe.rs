@@ -25,6 +25,7 @@ impl StoredImage {
             "kind": match self.content {
                 ImageContent::Environment(_) => "environment",
                 ImageContent::Map(_) => "map",
+                ImageContent::Profile(_) => "profile",
             },
         })
     }

@@ -144,11 +144,11 @@ pub(super) fn encode(
 
 /// Encodes what is known of each pixel and hashes the file.
 pub(super) fn encode_aov(developed: &Developed, aov: Aov, record: &Record) -> Result<Encoded, Problem> {
-    let picture = developed.aovs.picture(aov).ok_or_else(|| {
-        let lack = aov.lack(1, false).unwrap_or_default();
+    let bytes = film::encode_aov(&developed.aovs, aov, &record.facts).ok_or_else(|| {
+        let lack = aov.lack(1, false, false).unwrap_or_default();
         Problem::new(Code::NotAcceptable, format!("this result has no {}: {lack}", aov.name()))
     })?;
-    encoded(film::encode_aov(&picture, &record.facts), ImageFormat::Exr)
+    encoded(bytes, ImageFormat::Exr)
 }
 
 fn encoded(bytes: Result<Vec<u8>, EncodeError>, format: ImageFormat) -> Result<Encoded, Problem> {

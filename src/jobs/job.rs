@@ -25,6 +25,8 @@ pub struct Order {
     pub hdri: Option<Arc<StoredImage>>,
     /// Pictures that spheres and overrides name; the parameters name them by id.
     pub maps: Vec<Arc<StoredImage>>,
+    /// Profiles of its lights.
+    pub profiles: Vec<Arc<StoredImage>>,
     /// All else that the picture depends on.
     pub params: RenderParams,
     /// -100 to 100: a job of higher priority gets a larger share of the device.

@@ -6,25 +6,31 @@ use super::scenes::{ImageContent, StoredImage, StoredScene, content_id};
 use super::{HDRI_PIXEL_BYTES, Service, mebibytes};
 use crate::compile::{decode_hdri, map_size};
 use crate::params::{FieldError, RenderParams};
-use crate::scene::{self, Package};
+use crate::scene::{self, Package, Profile};
 use bytes::Bytes;
 use std::collections::HashMap;
 use std::sync::Arc;
 use tokio::sync::OwnedSemaphorePermit;
 
-/// Pictures that one request names.
+/// Files that one request names.
 #[derive(Debug, Default)]
 pub struct Images {
     /// Of the environment.
     pub environment: Option<Arc<StoredImage>>,
     /// Of spheres and overrides.
     pub maps: Vec<Arc<StoredImage>>,
+    /// Of lights.
+    pub profiles: Vec<Arc<StoredImage>>,
 }
 
-/// Size and use of a picture: what has a format of maps is one.
+/// Size and use of a file: a picture that has a format of maps is one.
 fn content(bytes: &Bytes, environment_pixels: u64, map_pixels: u64) -> Result<((u32, u32), ImageContent), String> {
     if let Some(size) = map_size(bytes, map_pixels) {
         return Ok((size?, ImageContent::Map(Arc::from(bytes.as_ref()))));
+    }
+    if Profile::is_ies(bytes) {
+        let profile = Profile::read(bytes)?;
+        return Ok((profile.size(), ImageContent::Profile(Arc::new(profile))));
     }
     let hdri = decode_hdri(bytes, environment_pixels).map_err(|error| error.to_string())?;
     Ok(((hdri.width, hdri.height), ImageContent::Environment(Arc::new(hdri))))
@@ -111,7 +117,7 @@ impl Service {
         Ok(removed)
     }
 
-    /// Decodes an environment picture or looks at a map, unless it is at hand, and keeps it. `pointer` names it in errors.
+    /// Decodes an environment picture or a profile, or looks at a map, unless it is at hand, and keeps it. `pointer` names it in errors.
     pub async fn add_image(&self, bytes: Vec<u8>, pointer: &str) -> Result<(Arc<StoredImage>, bool), Problem> {
         let bytes = Bytes::from(bytes);
         let image = self.decode(bytes.clone(), pointer).await?;
@@ -158,8 +164,8 @@ impl Service {
         Ok(removed)
     }
 
-    /// The pictures that parameters name: parts of the same form, which are taken out of `files` and kept, else ones that are
-    /// kept already. Maps are named by their ids from then on.
+    /// The files that parameters name: parts of the same form, which are taken out of `files` and kept, else ones that are
+    /// kept already. Maps and profiles are named by their ids from then on.
     pub async fn take_images(
         &self,
         params: &mut RenderParams,
@@ -182,6 +188,14 @@ impl Service {
             }
             name.clone_from(&image.id);
             images.maps.push(image);
+        }
+        for (pointer, name) in params.profile_names_mut() {
+            let image = self.take_image(name, &pointer, files, &mut taken).await?;
+            if image.profile().is_none() {
+                return Err(invalid(pointer, format!("`{name}` is no profile: send an IES LM-63 file (.ies)")));
+            }
+            name.clone_from(&image.id);
+            images.profiles.push(image);
         }
         Ok(images)
     }

@@ -14,10 +14,14 @@ const BYTES_PER_PIXEL: u64 = 16 + 12 + 8;
 /// Bytes per pixel of denoising: guides (twice three f32), the picture before and the one on its way to the process and back.
 pub const DENOISE_BYTES_PER_PIXEL: u64 = 24 + 28 + 24;
 
-/// Memory of a render of so many pixels, without its scene.
-pub fn film_bytes(width: u32, height: u32) -> u64 {
+/// Bytes per lane and per pixel of a light group: sums of three f64, and the picture of it (three f32), twice when it is encoded.
+const BYTES_PER_GROUP: [u64; 2] = [24, 24];
+
+/// Memory of a render of so many pixels and light groups, without its scene.
+pub fn film_bytes(width: u32, height: u32, groups: usize) -> u64 {
     let lanes = u64::from(Tiles::new(width, height).count()) * TILE_PIXELS as u64;
-    lanes * BYTES_PER_LANE + u64::from(width) * u64::from(height) * BYTES_PER_PIXEL
+    let [per_lane, per_pixel] = BYTES_PER_GROUP.map(|bytes| bytes * groups as u64);
+    lanes * (BYTES_PER_LANE + per_lane) + u64::from(width) * u64::from(height) * (BYTES_PER_PIXEL + per_pixel)
 }
 
 /// A bounded amount of memory.

@@ -74,7 +74,7 @@ impl Record {
 }
 
 /// First byte of a stored [`Developed`]; another one once its shape changes.
-const SHAPE: u8 = 2;
+const SHAPE: u8 = 3;
 
 /// A picture before tone mapping and encoding.
 #[derive(Debug, Serialize, Deserialize)]

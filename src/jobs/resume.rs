@@ -61,7 +61,11 @@ impl Service {
         for name in spec.params.map_names() {
             maps.push(self.read_image(name).await?);
         }
+        let mut profiles = Vec::new();
+        for name in spec.params.profile_names() {
+            profiles.push(self.read_image(name).await?);
+        }
         let (params, priority) = (spec.params.clone(), spec.priority);
-        Ok(Order { scene, hdri, maps, params, priority, stages: Stages::default() })
+        Ok(Order { scene, hdri, maps, profiles, params, priority, stages: Stages::default() })
     }
 }

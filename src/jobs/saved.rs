@@ -58,7 +58,7 @@ pub fn to_bytes(film: &Film, origin: Origin, attained: Duration, spent: Duration
 
 /// Bytes of a film as it is stored, at the most.
 pub fn bytes(film: &Film) -> u64 {
-    film_bytes(film.width(), film.height())
+    film_bytes(film.width(), film.height(), film.groups())
 }
 
 impl SavedFilm {

@@ -3,7 +3,7 @@
 use super::store::Stored;
 use crate::compile::{self, CompileError, CompiledScene, Hdri, MapFiles};
 use crate::params::RenderParams;
-use crate::scene::{Curve, Moment, Primitive, Scene};
+use crate::scene::{Curve, Moment, Primitive, Profile, Scene};
 use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use std::fmt::Write;
@@ -156,26 +156,28 @@ impl Stored for StoredScene {
     }
 }
 
-/// A picture that parameters name.
+/// A file that parameters name, most often a picture.
 #[derive(Debug)]
 pub struct StoredImage {
     /// `sha256-...`
     pub id: String,
     /// Bytes of the upload.
     pub upload_bytes: u64,
-    /// Pixels across and down.
+    /// Pixels across and down; of a profile the angles around its pole and from it.
     pub size: (u32, u32),
     /// What it can be used for.
     pub content: ImageContent,
 }
 
-/// What a picture can be used for.
+/// What such a file can be used for.
 #[derive(Debug, Clone)]
 pub enum ImageContent {
     /// An environment: texels and sampling table.
     Environment(Arc<Hdri>),
     /// A map of a surface, as it was uploaded.
     Map(Arc<[u8]>),
+    /// The measured distribution of a luminaire.
+    Profile(Arc<Profile>),
 }
 
 impl StoredImage {
@@ -183,7 +185,7 @@ impl StoredImage {
     pub fn environment(&self) -> Option<Arc<Hdri>> {
         match &self.content {
             ImageContent::Environment(hdri) => Some(Arc::clone(hdri)),
-            ImageContent::Map(_) => None,
+            ImageContent::Map(_) | ImageContent::Profile(_) => None,
         }
     }
 
@@ -191,7 +193,15 @@ impl StoredImage {
     pub fn map(&self) -> Option<Arc<[u8]>> {
         match &self.content {
             ImageContent::Map(bytes) => Some(Arc::clone(bytes)),
-            ImageContent::Environment(_) => None,
+            ImageContent::Environment(_) | ImageContent::Profile(_) => None,
+        }
+    }
+
+    /// The profile, if it is one.
+    pub fn profile(&self) -> Option<Arc<Profile>> {
+        match &self.content {
+            ImageContent::Profile(profile) => Some(Arc::clone(profile)),
+            ImageContent::Environment(_) | ImageContent::Map(_) => None,
         }
     }
 }
@@ -208,6 +218,7 @@ impl Stored for StoredImage {
                 size_of_val(hdri.texels.as_slice()) + tables
             }
             ImageContent::Map(bytes) => bytes.len(),
+            ImageContent::Profile(profile) => profile.bytes(),
         };
         bytes as u64
     }

@@ -269,7 +269,8 @@ impl Service {
             );
             return Err(Problem::fields(Code::DenoiserMissing, vec![FieldError::new("/params/denoise", detail)]));
         }
-        let (bytes, limit) = (film_bytes(params.width, params.height), self.core.limits.job_memory_bytes);
+        let (bytes, limit) =
+            (film_bytes(params.width, params.height, params.groups()), self.core.limits.job_memory_bytes);
         if bytes > limit {
             let detail = format!("the picture needs {bytes} bytes of memory, more than the {limit} allowed here");
             let fault = FieldError { pointer: "/params/width".to_owned(), detail };

@@ -25,7 +25,19 @@ impl RenderParams {
         spheres.chain(overrides)
     }
 
+    /// Names of the profiles that lights have, each with the pointer to where it stands.
+    pub fn profile_names_mut(&mut self) -> impl Iterator<Item = (String, &mut String)> {
+        let profiles =
+            self.lights.iter_mut().enumerate().filter_map(|(index, light)| Some((index, light.profile_mut()?)));
+        profiles.map(|(index, profile)| (format!("/params/lights/{index}/ies"), &mut profile.ies))
+    }
+
     /// The same, to be read alone.
+    pub fn profile_names(&self) -> impl Iterator<Item = &str> {
+        self.lights.iter().filter_map(|light| light.profile()).map(|profile| profile.ies.as_str())
+    }
+
+    /// Names of maps, to be read alone.
     pub fn map_names(&self) -> Vec<&str> {
         let maps = self.spheres.iter().map(SphereParams::maps).chain(self.overrides.iter().map(OverrideParams::maps));
         maps.flat_map(|Maps { texture, height, normal, parallax }| {

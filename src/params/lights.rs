@@ -21,13 +21,19 @@ pub enum LightParams {
     Point {
         /// World space.
         position: [f64; 3],
+        /// Where the vertical angle 0 of its profile points, if it has one; need not be of unit length; none: straight down.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        direction: Option<[f64; 3]>,
         /// Linear colour, multiplied by the intensity.
         color: [f32; 3],
-        /// Candela.
+        /// Candela; with a profile a factor on its candela.
         intensity: f32,
         /// Distance at which the light is cut off smoothly; none: infinite.
         #[serde(skip_serializing_if = "Option::is_none")]
         range: Option<f32>,
+        /// How the intensity depends on direction, as measured.
+        #[serde(flatten)]
+        profile: Option<ProfileParams>,
     },
     /// A point light within a cone.
     Spot {
@@ -37,7 +43,7 @@ pub enum LightParams {
         direction: [f64; 3],
         /// Linear colour, multiplied by the intensity.
         color: [f32; 3],
-        /// Candela.
+        /// Candela; with a profile a factor on its candela.
         intensity: f32,
         /// Distance at which the light is cut off smoothly; none: infinite.
         #[serde(skip_serializing_if = "Option::is_none")]
@@ -48,6 +54,9 @@ pub enum LightParams {
         outer_cone_degrees: f32,
         /// Curve between the two cones.
         falloff: SpotFalloff,
+        /// How the intensity within the cone depends on direction, as measured.
+        #[serde(flatten)]
+        profile: Option<ProfileParams>,
     },
     /// Parallel light from infinity.
     Directional {
@@ -120,6 +129,15 @@ pub enum LightParams {
     },
 }
 
+/// The measured distribution of a luminaire.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ProfileParams {
+    /// An IES LM-63 file: file name of a part of the same form, or an id from `POST /v1/images`.
+    pub ies: String,
+    /// Where the horizontal angle 0 lies, as far as at right angles to the light's direction.
+    pub zero_azimuth: [f64; 3],
+}
+
 fn is_zero(value: &f32) -> bool {
     *value == 0.0
 }
@@ -135,6 +153,22 @@ impl LightParams {
             Self::Rect { .. } | Self::Disk { .. } | Self::Sphere { .. } => true,
             Self::Directional { angular_diameter_degrees, .. } => *angular_diameter_degrees > 0.0,
             Self::Point { .. } | Self::Spot { .. } | Self::Ambient { .. } => false,
+        }
+    }
+
+    /// Its measured distribution.
+    pub fn profile(&self) -> Option<&ProfileParams> {
+        match self {
+            Self::Point { profile, .. } | Self::Spot { profile, .. } => profile.as_ref(),
+            _ => None,
+        }
+    }
+
+    /// The same, to be changed.
+    pub fn profile_mut(&mut self) -> Option<&mut ProfileParams> {
+        match self {
+            Self::Point { profile, .. } | Self::Spot { profile, .. } => profile.as_mut(),
+            _ => None,
         }
     }
 }
@@ -169,6 +203,8 @@ struct LightFields {
     height: Option<f32>,
     radius: Option<f32>,
     visible: Option<bool>,
+    ies: Option<String>,
+    zero_azimuth: Option<[f64; 3]>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -193,10 +229,15 @@ impl TryFrom<LightFields> for LightParams {
         let range = fields.range;
         let radius = fields.radius.unwrap_or(0.5);
         let visible = fields.visible.unwrap_or(true);
+        let zero_azimuth = fields.zero_azimuth.unwrap_or([1.0, 0.0, 0.0]);
+        let profile = fields.ies.clone().map(|ies| ProfileParams { ies, zero_azimuth });
         let position = || fields.position.ok_or("missing field `position`: where the light is, as [x, y, z]");
         let direction = || fields.direction.ok_or("missing field `direction`: where the light shines, as [x, y, z]");
         Ok(match fields.r#type {
-            LightType::Point => Self::Point { position: position()?, color, intensity, range },
+            LightType::Point => {
+                let direction = fields.direction;
+                Self::Point { position: position()?, direction, color, intensity, range, profile }
+            }
             LightType::Spot => Self::Spot {
                 position: position()?,
                 direction: direction()?,
@@ -206,6 +247,7 @@ impl TryFrom<LightFields> for LightParams {
                 inner_cone_degrees: fields.inner_cone_degrees.unwrap_or(0.0),
                 outer_cone_degrees: fields.outer_cone_degrees.unwrap_or(45.0),
                 falloff: fields.falloff.unwrap_or_default(),
+                profile,
             },
             LightType::Directional => Self::Directional {
                 direction: direction()?,
@@ -237,9 +279,9 @@ impl LightFields {
     /// Refuses fields that this kind of light does not have.
     fn check_applicable(&self) -> Result<(), String> {
         use LightType::{Directional, Disk, Point, Rect, Sphere, Spot};
-        let fields: [(&str, bool, &[LightType]); 12] = [
+        let fields: [(&str, bool, &[LightType]); 14] = [
             ("position", self.position.is_some(), &[Point, Spot, Rect, Disk, Sphere]),
-            ("direction", self.direction.is_some(), &[Spot, Directional, Rect, Disk]),
+            ("direction", self.direction.is_some(), &[Point, Spot, Directional, Rect, Disk]),
             ("range", self.range.is_some(), &[Point, Spot]),
             ("inner_cone_degrees", self.inner_cone_degrees.is_some(), &[Spot]),
             ("outer_cone_degrees", self.outer_cone_degrees.is_some(), &[Spot]),
@@ -250,11 +292,20 @@ impl LightFields {
             ("height", self.height.is_some(), &[Rect]),
             ("radius", self.radius.is_some(), &[Disk, Sphere]),
             ("visible", self.visible.is_some(), &[Directional, Rect, Disk, Sphere]),
+            ("ies", self.ies.is_some(), &[Point, Spot]),
+            ("zero_azimuth", self.zero_azimuth.is_some(), &[Point, Spot]),
         ];
         for (name, given, kinds) in fields {
             if given && !kinds.contains(&self.r#type) {
                 return Err(format!("unknown field `{name}`: this kind of light has none; leave it out"));
             }
+        }
+        let of_profile = [
+            ("direction", self.direction.is_some() && self.r#type == Point),
+            ("zero_azimuth", self.zero_azimuth.is_some()),
+        ];
+        if let Some((name, _)) = of_profile.iter().find(|(_, given)| *given && self.ies.is_none()) {
+            return Err(format!("unknown field `{name}`: this light has none without a profile (`ies`); leave it out"));
         }
         Ok(())
     }
@@ -276,8 +327,10 @@ pub(super) fn check(check: &mut Check, lights: &[LightParams], most: usize) {
 
 fn check_light(check: &mut Check, light: &LightParams) {
     match light {
-        LightParams::Point { position, color, intensity, range } => {
+        LightParams::Point { position, direction, color, intensity, range, profile } => {
             check.finite(position, "position");
+            direction.iter().for_each(|direction| check.direction(*direction, "direction"));
+            check_profile(check, profile.as_ref());
             check_emission(check, color, *intensity);
             check.positive(range.map(f64::from), "range");
         }
@@ -290,8 +343,10 @@ fn check_light(check: &mut Check, light: &LightParams) {
             inner_cone_degrees: inner,
             outer_cone_degrees: outer,
             falloff: _,
+            profile,
         } => {
             check.finite(position, "position");
+            check_profile(check, profile.as_ref());
             check.direction(*direction, "direction");
             check_emission(check, color, *intensity);
             check.positive(range.map(f64::from), "range");
@@ -332,6 +387,13 @@ fn check_light(check: &mut Check, light: &LightParams) {
     }
 }
 
+fn check_profile(check: &mut Check, profile: Option<&ProfileParams>) {
+    if let Some(ProfileParams { ies, zero_azimuth }) = profile {
+        check.require(!ies.is_empty(), "ies", || "must be a file name or the id of a profile".to_owned());
+        check.direction(*zero_azimuth, "zero_azimuth");
+    }
+}
+
 fn check_extent(check: &mut Check, value: f32, name: &str) {
     check.require(EXTENTS.contains(&value), name, || {
         format!("must lie between {:e} and {:e} scene units", EXTENTS.start(), EXTENTS.end())
@@ -364,6 +426,9 @@ mod tests {
                 r#"{"type": "directional", "direction": [0, -1, 0], "angular_diameter_degrees": 181}"#,
                 "/angular_diameter_degrees",
             ),
+            (r#"{"type": "point", "position": [0, 0, 0], "ies": ""}"#, "/ies"),
+            (r#"{"type": "point", "position": [0, 0, 0], "ies": "a.ies", "direction": [0, 0, 0]}"#, "/direction"),
+            (r#"{"type": "point", "position": [0, 0, 0], "ies": "a.ies", "zero_azimuth": [0, 0, 0]}"#, "/zero_azimuth"),
             (r#"{"type": "sphere", "position": [0, 0, 0], "radius": 0}"#, "/radius"),
             (r#"{"type": "disk", "position": [0, 0, 0], "direction": [0, 0, 0]}"#, "/direction"),
             (r#"{"type": "rect", "position": [0, 0, 0], "direction": [0, -1, 0], "width": -1}"#, "/width"),

@@ -6,6 +6,7 @@
 mod biases;
 mod environment;
 mod images;
+mod light_groups;
 mod lights;
 mod parse;
 mod preview;
@@ -17,7 +18,8 @@ mod validate;
 mod wording;
 
 pub use environment::{EnvironmentChoice, EnvironmentParams, GradientParams};
-pub use lights::{LightParams, SpotFalloff};
+pub use light_groups::{LightGroups, STANDING_GROUPS};
+pub use lights::{LightParams, ProfileParams, SpotFalloff};
 pub use parse::{from_json, from_json_and_query, from_query, read};
 pub use preview::{
     Attenuation, AttenuationKind, MAX_SHADOW_LIGHTS, PreviewParams, Shading, ShadingPath, ShadowAlgorithm, ShadowBias,
@@ -61,6 +63,8 @@ pub struct RenderParams {
     pub lights: Vec<LightParams>,
     /// Whether the lights of the file (KHR_lights_punctual) shine.
     pub scene_lights: bool,
+    /// Groups of lights that a picture's light is split by, besides the standing ones; none: it is not split.
+    pub light_groups: Option<LightGroups>,
     /// Spheres added to the file's meshes.
     pub spheres: Vec<SphereParams>,
     /// Other values and maps for materials of the file.
@@ -114,6 +118,7 @@ impl Default for RenderParams {
             camera: None,
             lights: Vec::new(),
             scene_lights: true,
+            light_groups: None,
             spheres: Vec::new(),
             overrides: Vec::new(),
             environment: EnvironmentChoice::Auto,

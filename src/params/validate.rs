@@ -1,6 +1,7 @@
 //! Ranges and combinations of parameters.
 
 use super::environment;
+use super::light_groups;
 use super::lights;
 use super::preview;
 use super::shutter;
@@ -113,6 +114,7 @@ impl RenderParams {
                 check.at("environment", |check| environment::check(check, given));
             }
             lights::check(check, &self.lights, limits.lights);
+            light_groups::check(check, self);
             surfaces::check(check, self, limits.spheres);
             check.at("direct", |check| check.light(&[self.direct.specular], "specular"));
         });

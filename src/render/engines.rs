@@ -49,6 +49,8 @@ impl Engine for Engines {
         let choice = match work.settings.engine {
             // Rasterised by the driver, also where it has no hardware.
             _ if work.settings.mode == Mode::Preview => EngineChoice::Gpu,
+            // It alone carries more than one sum.
+            _ if !work.lighting.groups.is_empty() => EngineChoice::Cpu,
             EngineChoice::Auto => self.automatic,
             given => given,
         };

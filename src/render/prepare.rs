@@ -1,7 +1,7 @@
 //! The one way from a scene and a request to [`Work`], and from [`Work`] to a film where nothing else wants the device.
 
 use super::{DeviceInfo, Engine, NonFinite, RenderError, Settings, StopReason, Strategy, Work};
-use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Features, Hdri, Lighting, View};
+use crate::compile::{self, CompileError, CompiledScene, DefaultTaken, Features, LightFiles, Lighting, View};
 use crate::film::{Film, Guides};
 use crate::params::{Mode, RenderParams};
 use crate::scene::{Scene, Warning};
@@ -24,8 +24,7 @@ pub struct Prepared {
 /// Adds the light and the camera of a request to a scene.
 ///
 /// `scene` stands as [`Scene::at`] the [`compile::moment`] of `params` poses it; `compiled` is what
-/// [`compile::compile_request`] made of it; `hdri` is the picture that
-/// `params.environment` names. `params` have been validated.
+/// [`compile::compile_request`] made of it; `files` are those that the light of `params` names. `params` have been validated.
 ///
 /// # Errors
 /// [`CompileError`] if the parameters name what the scene does not have.
@@ -33,11 +32,11 @@ pub fn prepare(
     scene: &Scene,
     compiled: Arc<CompiledScene>,
     params: &RenderParams,
-    hdri: Option<Arc<Hdri>>,
+    files: impl Into<LightFiles>,
 ) -> Result<Prepared, CompileError> {
     let (view, mut defaults) = compile::view(scene, &compiled, params)?;
     let compile::Lit { lighting, defaults: defaults_of_light, warning } =
-        compile::light(scene, &compiled, params, hdri)?;
+        compile::light(scene, &compiled, params, files.into())?;
     defaults.extend(defaults_of_light);
     let features = compile::features(&compiled, &lighting, &view, params);
     defaults.extend(default_moment(scene, params));

@@ -136,6 +136,9 @@ pub struct LightItem {
     pub intensity: [f32; 3],
     /// Distance of the cut-off.
     pub range: Option<f32>,
+    /// Of a light with a measured profile, on which its intensity is a factor: the profile's largest candela.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub profile_peak: Option<f32>,
     /// Its places, the first 16.
     pub poses: Vec<Pose>,
 }
@@ -190,6 +193,7 @@ pub fn describe(scene: &Scene) -> Description {
             },
             intensity: light.intensity.to_array(),
             range: light.range,
+            profile_peak: light.profile.as_ref().map(|profile| profile.peak),
             poses: Vec::new(),
         }),
         materials: items(&scene.materials, material),

@@ -11,10 +11,12 @@ mod describe;
 mod drawn;
 mod error;
 mod extended;
+mod ies;
 mod import;
 pub mod ktx2;
 mod limits;
 mod package;
+mod profile;
 
 pub use animation::{Animation, Channel, Curve, Interpolation, Moment, Parts, Path};
 pub use deform::{Influences, Skin, Target};
@@ -25,6 +27,7 @@ pub use extended::{Extended, Scatter, Volume};
 pub use import::import;
 pub use limits::Limits;
 pub use package::Package;
+pub use profile::{Profile, Web};
 
 use glam::{DAffine3, Mat3, Vec2, Vec3, Vec4};
 use std::collections::BTreeMap;
@@ -49,7 +52,7 @@ pub struct Scene {
     pub images: Vec<Image>,
     /// Cameras of the file, in its order.
     pub cameras: Vec<Camera>,
-    /// Lights of KHR_lights_punctual, in the file's order.
+    /// Lights of KHR_lights_punctual, in the file's order, then those of EXT_lights_ies, one for each node.
     pub lights: Vec<Light>,
     /// Names of `extensionsUsed`, each with how it is honoured.
     pub extensions: Vec<ExtensionUse>,
@@ -299,17 +302,19 @@ pub enum Projection {
     },
 }
 
-/// A light of KHR_lights_punctual; it shines along -Z of its node.
+/// A light of KHR_lights_punctual or EXT_lights_ies; it shines along -Z of its node.
 #[derive(Debug, Clone)]
 pub struct Light {
     /// Name in the file.
     pub name: Option<String>,
-    /// Linear colour times intensity: candela (point, spot) or lux (directional).
+    /// Linear colour times intensity: candela (point, spot) or lux (directional); with a profile a factor on its candela.
     pub intensity: Vec3,
     /// Distance of the cut-off; none: infinite.
     pub range: Option<f32>,
     /// Its shape.
     pub kind: LightKind,
+    /// How its intensity depends on direction, as measured; its zero azimuth is +X of its node.
+    pub profile: Option<Arc<Profile>>,
 }
 
 /// Shape of a punctual light.

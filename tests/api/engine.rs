@@ -1,6 +1,6 @@
 //! A small engine of known behaviour: every step adds one sample per pixel, drawn from a hash.
 
-use candela::film::{Film, TileSamples};
+use candela::film::{Film, TILE_PIXELS, TileSamples};
 use candela::jobs::EngineFactory;
 use candela::render::{DeviceInfo, Engine, Engines, NonFinite, Render, RenderError, StopReason, Work};
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -73,7 +73,7 @@ impl Engine for TestEngine {
         if fault == Fault::Lost && before < self.losses_at_first && film.is_none() {
             return Err(RenderError::TooLarge("the film is missing".to_owned()));
         }
-        let film = film.unwrap_or_else(|| Film::new(work.view.width, work.view.height));
+        let film = film.unwrap_or_else(|| Film::split(work.view.width, work.view.height, &work.lighting.groups));
         let (info, losses, begun) = (self.info.clone(), Arc::clone(&self.losses), Instant::now());
         Ok(Box::new(TestRender { info, film, work, fault, losses, begun }))
     }
@@ -132,7 +132,13 @@ impl Render for TestRender {
             |tile| TileSamples { tile, replicate, first: self.film.replicate_samples(replicate, tile), samples: 1 };
         let work: Vec<_> = self.film.tiles().spread().map(entry).collect();
         let sums = self.film.tiles().lanes(&work, |_, (x, y)| draw(x, y));
-        self.film.add(&work, &sums);
+        // All light is of the first group.
+        let groups = self.film.groups();
+        let split = sums.chunks(TILE_PIXELS).flat_map(|lanes| {
+            let others = std::iter::repeat_n([0.0; 4], TILE_PIXELS * groups.saturating_sub(1));
+            lanes.iter().chain(lanes.iter().take(TILE_PIXELS * groups)).copied().chain(others)
+        });
+        self.film.add_split(&work, &split.collect::<Vec<_>>());
         Ok((self.film.samples() >= self.work.settings.max_samples).then_some(StopReason::MaxSamples))
     }
 

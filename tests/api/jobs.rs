@@ -1,7 +1,7 @@
 //! `/v1/jobs`: states, results, cancelling, pages.
 
 use crate::support::{Server, endless, tiny, triangle};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 
 #[test]
@@ -162,4 +162,38 @@ fn one_sample_has_no_standard_error() {
     let id = server.begin(&server.upload(), &json!({ "width": 16, "height": 8, "max_samples": 1 }));
     server.wait_for(&id, &["succeeded"]);
     server.get(&format!("/v1/jobs/{id}/result?aov=standard_error")).problem(406, "not_acceptable");
+}
+
+#[test]
+fn light_groups_are_layers_of_an_exr() {
+    let server = Server::start();
+    let scene = server.upload();
+    let request = |groups: Value| {
+        json!({"width": 16, "height": 8, "max_samples": 4, "light_groups": groups,
+        "lights": [{"type": "directional", "direction": [0, -1, -1]}]})
+    };
+    let id = server.begin(&scene, &request(json!({"key": [0]})));
+    server.wait_for(&id, &["succeeded"]);
+    let result =
+        |query: &str| server.send("GET", &format!("/v1/jobs/{id}/result{query}"), &[("accept", "image/x-exr")], &[]);
+    let layers = result("?aov=light_groups");
+    assert_eq!((layers.status, layers.header("content-type")), (200, Some("image/x-exr")), "{layers:?}");
+    for name in ["environment.R", "surfaces.G", "lights.B", "key.R"] {
+        assert!(layers.body.windows(name.len()).any(|bytes| bytes == name.as_bytes()), "no channel {name}");
+    }
+    let pixels = |bytes: &[u8]| {
+        let picture = image::load_from_memory_with_format(bytes, image::ImageFormat::OpenExr).expect("an EXR");
+        picture.into_rgb32f().into_raw()
+    };
+    let (sum, picture) = (pixels(&layers.body), pixels(&result("").body));
+    assert!(sum.iter().zip(&picture).all(|(sum, whole)| (sum - whole).abs() <= 1e-5 * whole.abs().max(1.0)));
+
+    let id = server.begin(&scene, &request(Value::Null));
+    server.wait_for(&id, &["succeeded"]);
+    let refused = server.get(&format!("/v1/jobs/{id}/result?aov=light_groups")).problem(406, "not_acceptable");
+    assert!(refused["detail"].as_str().is_some_and(|detail| detail.contains("light_groups")), "{refused}");
+    let params = json!({"scene": scene, "params": request(json!({"key": [1]}))});
+    let refused =
+        server.post("/v1/jobs", "application/json", params.to_string().as_bytes()).problem(422, "invalid_params");
+    assert_eq!(refused["errors"][0]["pointer"], "/params/light_groups", "{refused}");
 }

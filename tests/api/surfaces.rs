@@ -80,6 +80,45 @@ fn faulty_surfaces_are_named_by_place() {
     assert!(problem["errors"][0]["detail"].as_str().is_some_and(|detail| detail.contains("none")), "{problem}");
 }
 
+/// A profile of 5 candela downwards.
+const LAMP: &str = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 2 1 1 2 0 0 0\n1 1 9\n0 90\n0\n5 0\n";
+
+#[test]
+fn a_light_has_its_profile_from_the_form_or_by_id() {
+    let server = Server::start();
+    let lights = json!({"lights": [{"type": "point", "position": [0, 2, 0], "ies": "lamp.ies"}]});
+    let post = |file: &[u8], params: &Value| {
+        let files: [(&str, Option<&str>, &[u8]); 3] = [
+            ("scene", Some("a.glb"), &triangle()),
+            ("lamp", Some("lamp.ies"), file),
+            ("params", None, &request(params)),
+        ];
+        server.post_form("/v1/render", &files)
+    };
+    let reply = post(LAMP.as_bytes(), &lights);
+    assert_eq!(reply.status, 200, "{reply:?}");
+    let image = server.post("/v1/images", "application/x-ies-lm-63", LAMP.as_bytes());
+    assert_eq!(image.status, 200, "the part was kept: {image:?}");
+    let image = image.json();
+    assert_eq!((&image["kind"], &image["width"], &image["height"]), (&json!("profile"), &json!(2), &json!(2)));
+    let scene = server.upload();
+    let mut params = tiny();
+    params["lights"] = json!([{"type": "spot", "position": [0, 2, 0], "direction": [0, -1, 0], "ies": image["id"]}]);
+    let job = server.begin(&scene, &params);
+    let done = server.wait_for(&job, &["succeeded", "failed"]);
+    assert_eq!(done["state"], "succeeded", "{done}");
+
+    let problem = post(&LAMP.as_bytes()[..60], &lights).problem(422, "invalid_image");
+    assert_eq!(pointers(&problem), ["/params/lights/0/ies"]);
+    assert!(problem["errors"][0]["detail"].as_str().is_some_and(|detail| detail.contains("the file ends after line")));
+    let problem = post(&png(), &lights).problem(422, "invalid_params");
+    assert_eq!(pointers(&problem), ["/params/lights/0/ies"], "a picture is no profile");
+    let as_sky = json!({"environment": {"hdri": "lamp.ies"}});
+    assert_eq!(pointers(&post(LAMP.as_bytes(), &as_sky).problem(422, "invalid_params")), ["/params/environment/hdri"]);
+    let other = json!({"lights": [{"type": "directional", "direction": [0, -1, 0], "ies": "lamp.ies"}]});
+    assert_eq!(pointers(&post(LAMP.as_bytes(), &other).problem(422, "invalid_params")), ["/params/lights/0/ies"]);
+}
+
 #[test]
 fn a_broken_map_is_told_from_its_place() {
     let server = Server::start();

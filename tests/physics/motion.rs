@@ -146,7 +146,7 @@ fn lamps_that_move_and_grow(engine: EngineChoice) {
 /// Irradiance by the inverse square, integrated over the way.
 fn a_point_light_that_flies_by(engine: EngineChoice) {
     let mut scene = scene(vec![(square(4.0), grey(0.5, 1.0, 0.0), DAffine3::IDENTITY)]);
-    scene.lights.push(Light { name: None, intensity: Vec3::ONE, range: None, kind: LightKind::Point });
+    scene.lights.push(Light { name: None, intensity: Vec3::ONE, range: None, kind: LightKind::Point, profile: None });
     scene.scenes[0].nodes.push(1);
     scene.nodes.push(Node { light: Some(0), ..Node::default() });
     animate(&mut scene, 1, Path::Translation, &[0.0, 1.0], &[-1.0, 1.0, 0.0, 2.0, 1.0, 0.0]);
@@ -170,7 +170,13 @@ fn turmoil() -> Scene {
         (square(0.5), glowing(6.0), lamp),
         (square(0.4), Material { double_sided: true, ..grey(0.3, 0.8, 0.0) }, DAffine3::from_translation(DVec3::Y)),
     ]);
-    scene.lights.push(Light { name: None, intensity: Vec3::new(2.0, 1.0, 0.5), range: None, kind: LightKind::Point });
+    scene.lights.push(Light {
+        name: None,
+        intensity: Vec3::new(2.0, 1.0, 0.5),
+        range: None,
+        kind: LightKind::Point,
+        profile: None,
+    });
     scene.nodes.push(Node { light: Some(0), ..Node::default() });
     scene.cameras.push(Camera { name: None, projection: Projection::Perspective { yfov: 0.9 } });
     scene.nodes.push(Node { camera: Some(0), ..Node::default() });

@@ -1,12 +1,12 @@
 //! Small scenes built in place, and a render to the end.
 
-use candela::compile::{self, Hdri, MapFiles};
+use candela::compile::{self, Hdri, LightFiles, MapFiles};
 use candela::film::Picture;
 use candela::params::{EngineChoice, RenderParams};
 use candela::render::Engines;
 use candela::render::prepare::{prepare, render_to_end};
 use candela::render::{NonFinite, Work};
-use candela::scene::{Material, Mesh, Node, Primitive, Scene, SceneRoot};
+use candela::scene::{Material, Mesh, Node, Primitive, Profile, Scene, SceneRoot};
 use glam::{DAffine3, Vec3, Vec4};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
@@ -97,6 +97,12 @@ pub fn work_with_hdri(scene: &Scene, params: &RenderParams, hdri: Option<Arc<Hdr
     compiled(scene, params, &MapFiles::new(), hdri)
 }
 
+/// The same with a profile that the parameters name.
+pub fn work_with_profile(scene: &Scene, params: &RenderParams, name: &str, profile: Arc<Profile>) -> Work {
+    let profiles = [(name.to_owned(), profile)].into();
+    compiled(scene, params, &MapFiles::new(), LightFiles { hdri: None, profiles })
+}
+
 /// The same with pictures that the parameters name.
 pub fn work_with_maps(scene: &Scene, params: &RenderParams, maps: &MapFiles) -> Work {
     compiled(scene, params, maps, None)
@@ -109,9 +115,9 @@ pub fn work_without_tree(scene: &Scene, params: &RenderParams) -> Work {
     prepare(scene, Arc::new(compiled), params, None).expect("parameters that fit the scene").work
 }
 
-fn compiled(scene: &Scene, params: &RenderParams, maps: &MapFiles, hdri: Option<Arc<Hdri>>) -> Work {
+fn compiled(scene: &Scene, params: &RenderParams, maps: &MapFiles, files: impl Into<LightFiles>) -> Work {
     let compiled = Arc::new(compile::compile_request(scene, params, maps).expect("a scene that compiles"));
-    prepare(scene, compiled, params, hdri).expect("parameters that fit the scene").work
+    prepare(scene, compiled, params, files).expect("parameters that fit the scene").work
 }
 
 /// A grey picture of 16 bits, from heights by column and row.

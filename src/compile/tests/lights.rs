@@ -2,20 +2,21 @@
 
 use super::{scene, triangle, triangle_with};
 use crate::compile::{
-    CompileError, CompiledScene, EnvironmentKind, Lens, Lighting, PunctualKind, compile_scene, features, light, view,
+    CompileError, CompiledScene, EnvironmentKind, Lens, LightFiles, Lighting, PunctualKind, compile_scene, features,
+    light, view,
 };
 use crate::params::{EnvironmentChoice, EnvironmentParams, LightParams, Mode, RenderParams};
-use crate::scene::{Extended, Light, LightKind, Material, Node, Scene};
+use crate::scene::{Extended, Light, LightKind, Material, Node, Profile, Scene};
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 
 fn point(position: [f64; 3], intensity: f32, range: Option<f32>) -> LightParams {
-    LightParams::Point { position, color: [1.0; 3], intensity, range }
+    LightParams::Point { position, direction: None, color: [1.0; 3], intensity, range, profile: None }
 }
 
 fn lit(scene: &Scene, params: &RenderParams) -> (CompiledScene, Lighting, usize) {
     let compiled = compile_scene(scene, None).unwrap();
-    let lit = light(scene, &compiled, params, None).unwrap();
+    let lit = light(scene, &compiled, params, LightFiles::default()).unwrap();
     (compiled, lit.lighting, lit.defaults.len())
 }
 
@@ -88,7 +89,7 @@ fn neutral_light_comes_only_when_nothing_shines() {
 fn lights_of_the_file_that_are_too_dim_do_not_take_the_sky_away() {
     let with = |intensity: f32, kind| {
         let mut source = triangle_with(Material { double_sided: true, ..Material::default() });
-        source.lights.push(Light { name: None, intensity: Vec3::splat(intensity), range: None, kind });
+        source.lights.push(Light { name: None, intensity: Vec3::splat(intensity), range: None, kind, profile: None });
         let local = DAffine3::from_translation(DVec3::new(0.0, 0.0, 1.0));
         source.nodes.push(Node { light: Some(0), local, ..Node::default() });
         let light_node = source.nodes.len() - 1;
@@ -108,7 +109,7 @@ fn lights_of_the_file_that_are_too_dim_do_not_take_the_sky_away() {
 fn lights_of_the_file_stand_where_their_node_does() {
     let mut source = scene(vec![super::mesh(triangle())], &[(0, DAffine3::IDENTITY)]);
     let kind = LightKind::Spot { inner_cone: 0.1, outer_cone: 0.5 };
-    source.lights.push(Light { name: None, intensity: Vec3::splat(5.0), range: None, kind });
+    source.lights.push(Light { name: None, intensity: Vec3::splat(5.0), range: None, kind, profile: None });
     let local = DAffine3::from_translation(DVec3::new(0.0, 3.0, 0.0))
         * DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2)
         * DAffine3::from_scale(DVec3::splat(7.0));
@@ -125,13 +126,38 @@ fn lights_of_the_file_stand_where_their_node_does() {
     assert!(lit(&source, &off).1.lights.is_empty());
 }
 
+/// A beam that misses the scene gets the floor's share alone; one that meets it is worth what it sends there.
+#[test]
+fn power_is_that_of_the_profile() {
+    let source = triangle_with(Material::default());
+    let text = "IES:LM-63-2019\nTILT=NONE\n1 -1 1 4 1 1 2 0 0 0 1 1 9\n0 20 21 180\n0\n100 100 0 0\n";
+    let profile = Arc::new(Profile::read(text.as_bytes()).unwrap());
+    let lights = ["[0, -1, 0]", "[0, 1, 0]"].map(|direction| {
+        format!(r#"{{"type": "point", "position": [0, 9, 0], "direction": {direction}, "ies": "a"}}"#)
+    });
+    let plain = r#"{"type": "point", "position": [0, 9, 0], "intensity": 100}"#;
+    let json = format!(r#"{{"lights": [{}, {}, {plain}]}}"#, lights[0], lights[1]);
+    let params = crate::params::from_json(&json).unwrap();
+    let compiled = compile_scene(&source, None).unwrap();
+    let files = LightFiles { hdri: None, profiles: [("a".to_owned(), profile)].into() };
+    let lighting = light(&source, &compiled, &params, files).unwrap().lighting;
+    assert_eq!((lighting.profiles.len(), lighting.lights[1].profile()), (1, Some(0)));
+    let [down, up, point] = [0, 1, 2].map(|index| lighting.picks[index].probability);
+    assert!((down / point - 1.0).abs() < 1e-3, "{down} and {point} send the same");
+    assert!((up - 0.1 / 3.0).abs() < 1e-6, "{up}");
+    match light(&source, &compiled, &params, LightFiles::default()) {
+        Err(CompileError::Params(error)) => assert_eq!(error.pointer, "/params/lights/0/ies"),
+        other => panic!("{other:?}"),
+    }
+}
+
 #[test]
 fn environments_are_checked() {
     let source = glowing();
     let compiled = compile_scene(&source, None).unwrap();
     let pointer = |given: EnvironmentParams| {
         let params = RenderParams { environment: EnvironmentChoice::Given(given), ..RenderParams::default() };
-        match light(&source, &compiled, &params, None) {
+        match light(&source, &compiled, &params, LightFiles::default()) {
             Err(CompileError::Params(error)) => error.pointer,
             other => panic!("{other:?}"),
         }

@@ -176,7 +176,7 @@ fn image(c: &Connection, blob: &BlobRef) -> Result<()> {
 
 fn job(c: &Connection, spec: &Spec, first: &Event) -> Result<()> {
     one(c.execute("UPDATE scenes SET used = ?2 WHERE id = ?1", params![spec.scene, now()])?)?;
-    for image in spec.image.as_deref().into_iter().chain(spec.params.map_names()) {
+    for image in spec.image.as_deref().into_iter().chain(spec.params.map_names()).chain(spec.params.profile_names()) {
         one(c.execute("UPDATE images SET used = ?2 WHERE id = ?1", params![image, now()])?)?;
     }
     let insert = "INSERT INTO jobs (number, id, idempotency_key, created, state, scene, image, params, priority,

@@ -90,7 +90,7 @@ impl Engine for ApartEngine {
                 render,
                 device: device.into(),
                 is_ready,
-                film: film.unwrap_or_else(|| Film::new(view.width, view.height)),
+                film: film.unwrap_or_else(|| Film::split(view.width, view.height, &lighting.groups)),
                 progress: 0.0,
                 non_finite: NonFinite::default(),
                 guides: None,

@@ -12,7 +12,7 @@ use super::phong::Phong;
 use super::place::{Place, area};
 use super::sampler::{Dimension, Sampler};
 use super::surface::{Surface, coverage};
-use crate::compile::{ANY_FACING, Extended, Material};
+use crate::compile::{ANY_FACING, ENVIRONMENT_GROUP, Extended, Material, SURFACES_GROUP};
 use crate::params::Mode;
 use crate::render::Work;
 use glam::{DMat3, DVec3, DVec4};
@@ -58,6 +58,8 @@ pub(super) struct Path {
     pub ray: Ray,
     pub throughput: DVec3,
     radiance: DVec3,
+    /// The same by what emitted it; empty: it is not split.
+    groups: Vec<DVec3>,
     pub bounce: u32,
     /// Density of the ray's direction over solid angle; none: no light sample could have found it.
     pub pdf: Option<f64>,
@@ -77,6 +79,17 @@ pub(super) struct Path {
     wavelength: Option<f64>,
 }
 
+impl Path {
+    /// Takes up light of a group that the path carries to the camera.
+    fn gather(&mut self, group: usize, light: DVec3) {
+        let arriving = self.throughput * light;
+        self.radiance += arriving;
+        if let Some(sum) = self.groups.get_mut(group) {
+            *sum += arriving;
+        }
+    }
+}
+
 /// What a ray is for.
 #[derive(Clone, Copy)]
 enum RayKind {
@@ -91,15 +104,16 @@ impl Integrator {
         Self { camera: Camera::new(&work.view), lights: LightSampler::new(&work), model, bvh, work }
     }
 
-    /// Radiance (premultiplied) and coverage of one sample of a pixel.
-    pub fn sample(&self, x: u32, y: u32, sampler: &Sampler) -> DVec4 {
+    /// Radiance (premultiplied) and coverage of one sample of a pixel, and its radiance by group if light is split.
+    pub fn sample(&self, x: u32, y: u32, sampler: &Sampler) -> (DVec4, Vec<DVec3>) {
         let mut path = self.begin(x, y, sampler);
         self.follow(&mut path, sampler);
         let view = &self.work.view;
         if !path.seen && !view.transparent && self.work.lighting.environment.visible {
-            path.radiance += environment::radiance(&self.work.lighting.environment, path.ray.direction);
+            path.gather(ENVIRONMENT_GROUP, environment::radiance(&self.work.lighting.environment, path.ray.direction));
         }
-        path.radiance.extend(f64::from(u8::from(path.seen || path.lit || !view.transparent)))
+        let coverage = f64::from(u8::from(path.seen || path.lit || !view.transparent));
+        (path.radiance.extend(coverage), path.groups)
     }
 
     /// A path that leaves the camera.
@@ -113,6 +127,7 @@ impl Integrator {
             ray,
             throughput: DVec3::ONE,
             radiance: DVec3::ZERO,
+            groups: vec![DVec3::ZERO; self.work.lighting.groups.len()],
             bounce: 0,
             pdf: None,
             drawn_at: Receiver { position: ray.origin, normal: ray.direction },
@@ -130,9 +145,7 @@ impl Integrator {
         loop {
             let hit = self.closest(path, sampler);
             if self.work.features.extended_lights {
-                let met = self.extended_light(path, hit.as_ref().map_or(f64::INFINITY, |hit| hit.t));
-                path.radiance += path.throughput * met;
-                path.lit |= met != DVec3::ZERO;
+                self.meet_lights(path, hit.as_ref().map_or(f64::INFINITY, |hit| hit.t));
             }
             let Some(hit) = hit else { break };
             let surface = Surface::new(&self.work.scene, &hit, path.ray.direction, path.ray.moment);
@@ -144,7 +157,17 @@ impl Integrator {
             }
         }
         if path.seen {
-            path.radiance += path.throughput * self.distant(path);
+            path.gather(ENVIRONMENT_GROUP, self.distant(path));
+        }
+    }
+
+    /// Takes up light from lights with an extent that the path's ray passes.
+    fn meet_lights(&self, path: &mut Path, t_max: f64) {
+        let lights = &self.work.lighting.lights[..self.work.lighting.extended as usize];
+        for (index, light) in lights.iter().enumerate() {
+            let met = self.met_light(index, light, path, t_max);
+            path.gather(light.group(), met);
+            path.lit |= met != DVec3::ZERO;
         }
     }
 
@@ -180,15 +203,21 @@ impl Integrator {
             }
         }
         if surface.material.flags & Material::UNLIT != 0 {
-            path.radiance += path.throughput * surface.base_color().truncate();
+            path.gather(SURFACES_GROUP, surface.base_color().truncate());
             return false;
         }
-        path.radiance += path.throughput * self.emission(path, surface, hit);
+        path.gather(SURFACES_GROUP, self.emission(path, surface, hit));
         if path.bounce >= self.work.settings.max_bounces.unwrap_or(u32::MAX) {
             return false;
         }
         let vertex = self.vertex(surface, path, sampler);
-        path.radiance += path.throughput * self.direct_light(&vertex, sampler);
+        if self.work.settings.mode == Mode::Direct {
+            let ambient = self.work.lighting.environment.ambient.as_dvec3();
+            path.gather(ENVIRONMENT_GROUP, ambient * vertex.bsdf.albedo());
+        }
+        if let Some((group, light)) = self.direct_light(&vertex, sampler) {
+            path.gather(group, light);
+        }
         self.scatter(&vertex, path, hit.t, sampler)
     }
 
@@ -200,7 +229,9 @@ impl Integrator {
         }
         let (g, moment) = (f64::from(medium.scatter_anisotropy), path.ray.moment);
         let place = Place::within(path.ray.origin + distance * path.ray.direction, moment);
-        path.radiance += path.throughput * self.light_within(path, &place, g, sampler);
+        if let Some((group, light)) = self.light_within(path, &place, g, sampler) {
+            path.gather(group, light);
+        }
         let direction = scatter::sample_phase(g, path.ray.direction, sampler.pair(Dimension::Lobe(path.bounce)));
         path.pdf = Some(scatter::phase(g, direction.dot(path.ray.direction)));
         (path.drawn_at, path.passed, path.facing) = (Receiver::of(&place), 0.0, ANY_FACING);
@@ -210,21 +241,21 @@ impl Integrator {
         self.survives(path, survival, ROULETTE_MOST_WITHIN)
     }
 
-    /// Light that arrives straight at a place in a medium, by one sample, scattered into the path's way.
-    fn light_within(&self, path: &Path, place: &Place, g: f64, sampler: &Sampler) -> DVec3 {
-        let Some(light) = self.light_sample(place, ANY_FACING, path.bounce, sampler) else { return DVec3::ZERO };
+    /// Light that arrives straight at a place in a medium, by one sample, scattered into the path's way; with its group.
+    fn light_within(&self, path: &Path, place: &Place, g: f64, sampler: &Sampler) -> Option<(usize, DVec3)> {
+        let light = self.light_sample(place, ANY_FACING, path.bounce, sampler)?;
         if light.weight.max_element() <= 0.0 {
-            return DVec3::ZERO;
+            return None;
         }
         let phase = scatter::phase(g, light.direction.normalize().dot(path.ray.direction));
         let contribution = light.weight * phase * light.pdf.map_or(1.0, |taken| self.sampled_weight(taken, phase));
         if contribution.max_element() <= 0.0 {
-            return DVec3::ZERO;
+            return None;
         }
         let ends = [TriangleId::NONE, light.end];
         let (direction, moment) = (light.direction, place.moment);
         let ray = Ray { origin: light.origin, direction, t_max: light.t_max, ends, moment };
-        contribution * self.transmittance(path.media, path.bounce, ray, sampler)
+        Some((light.group, contribution * self.transmittance(path.media, path.bounce, ray, sampler)))
     }
 
     /// Whether a path that dims goes on; it is brighter then.
@@ -349,28 +380,23 @@ impl Integrator {
         radiance + environment.ambient.as_dvec3()
     }
 
-    /// Light that arrives straight from a light or the environment, by one sample.
-    fn direct_light(&self, vertex: &Vertex, sampler: &Sampler) -> DVec3 {
-        let ambient = match self.work.settings.mode {
-            Mode::Direct => self.work.lighting.environment.ambient.as_dvec3() * vertex.bsdf.albedo(),
-            Mode::Path | Mode::Preview => DVec3::ZERO,
-        };
+    /// Light that arrives straight from a light or the environment, by one sample; with its group.
+    fn direct_light(&self, vertex: &Vertex, sampler: &Sampler) -> Option<(usize, DVec3)> {
         let place = vertex.surface.place();
-        let sample = self.light_sample(&place, self.facing(vertex), vertex.bounce, sampler);
-        let Some(light) = sample else { return ambient };
+        let light = self.light_sample(&place, self.facing(vertex), vertex.bounce, sampler)?;
         let above = light.direction.dot(vertex.surface.geometric_normal);
         if above <= 0.0 && vertex.bsdf.is_opaque() || light.weight.max_element() <= 0.0 {
-            return ambient;
+            return None;
         }
         let wi = vertex.frame.transpose() * light.direction.normalize();
         if (above > 0.0) != (wi.z > 0.0) {
-            return ambient;
+            return None;
         }
         let (value, pdf) = vertex.bsdf.evaluate(wi);
         let weight = light.pdf.map_or(1.0, |taken| self.sampled_weight(taken, pdf));
         let contribution = value * light.weight * weight;
         if contribution.max_element() <= 0.0 || vertex.surface.relief_shadows(light.direction.normalize()) {
-            return ambient;
+            return None;
         }
         let ends = [vertex.surface.primitive, light.end];
         let (direction, moment) = (light.direction, place.moment);
@@ -378,10 +404,10 @@ impl Integrator {
         if self.work.features.thin || self.work.features.volume {
             let beyond = vertex.crossing.as_ref().filter(|_| wi.z < 0.0).map(|crossing| crossing.beyond);
             let media = beyond.unwrap_or(vertex.media);
-            return ambient + contribution * self.transmittance(media, vertex.bounce, ray, sampler);
+            return Some((light.group, contribution * self.transmittance(media, vertex.bounce, ray, sampler)));
         }
         let blocked = self.bvh.occluded(&ray, |hit| self.stops(hit, RayKind::Shadow, vertex.bounce, sampler));
-        if blocked { ambient } else { ambient + contribution }
+        (!blocked).then_some((light.group, contribution))
     }
 
     /// Part of the light that comes through along a shadow ray, past thin and smooth walls and what the ray is in.

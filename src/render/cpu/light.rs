@@ -6,7 +6,7 @@ use super::light_tree::{Receiver, Tree};
 use super::place::{Place, area};
 use super::sampling::uniform_triangle;
 use super::surface::{emitted_at, material};
-use crate::compile::{CompiledScene, LightPick, Lighting, Material, PunctualKind, PunctualLight};
+use crate::compile::{CompiledScene, LightPick, Lighting, Material, PunctualKind, PunctualLight, SURFACES_GROUP};
 use crate::render::Work;
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -27,6 +27,8 @@ pub struct LightSample {
     pub end: TriangleId,
     /// Over solid angle; none: a punctual light, which no ray can hit.
     pub pdf: Option<f64>,
+    /// Index into `Lighting::groups`.
+    pub group: usize,
 }
 
 /// A light that has been chosen.
@@ -118,7 +120,7 @@ impl LightSampler {
 pub fn from_punctual(light: &PunctualLight, at: &Place) -> LightSample {
     let intensity = DVec3::from(light.intensity.map(f64::from));
     let axis = DVec3::from(light.direction.map(f64::from));
-    if light.kind == PunctualKind::Directional as u32 {
+    if light.kind() == PunctualKind::Directional as u32 {
         let direction = -axis;
         let origin = at.leave(direction);
         return LightSample {
@@ -128,6 +130,7 @@ pub fn from_punctual(light: &PunctualLight, at: &Place) -> LightSample {
             weight: intensity,
             end: TriangleId::NONE,
             pdf: None,
+            group: light.group(),
         };
     }
     let position = DVec3::from(light.position.map(f64::from));
@@ -143,6 +146,7 @@ pub fn from_punctual(light: &PunctualLight, at: &Place) -> LightSample {
         weight: intensity * part / distance2,
         end: TriangleId::NONE,
         pdf: None,
+        group: light.group(),
     }
 }
 
@@ -157,6 +161,7 @@ pub fn from_extended(light: &PunctualLight, probability: f64, at: &Place, u: [f6
         weight: radiance(light) / pdf,
         end: TriangleId::NONE,
         pdf: Some(pdf),
+        group: light.group(),
     })
 }
 
@@ -187,7 +192,7 @@ pub fn from_emitter(scene: &CompiledScene, pick: &LightPick, probability: f64, a
     let visible = shines && pdf > 0.0;
     let radiance = || emitted_at(scene, pick.triangle, weights, cosine) * pdf.recip();
     let weight = if visible { radiance() } else { DVec3::ZERO };
-    LightSample { origin, direction, t_max: 1.0, weight, end, pdf: Some(pdf) }
+    LightSample { origin, direction, t_max: 1.0, weight, end, pdf: Some(pdf), group: SURFACES_GROUP }
 }
 
 /// Density over solid angle of a place on an emitting triangle of this area that is seen at this distance and angle; 0 from its edge.
@@ -204,7 +209,7 @@ fn window(distance2: f64, range: f64) -> f64 {
 /// Part of the intensity towards a direction at this cosine from the axis.
 fn cone(light: &PunctualLight, cosine: f64) -> f64 {
     let (inner, outer) = (f64::from(light.inner), f64::from(light.outer));
-    match light.kind {
+    match light.kind() {
         // KHR_lights_punctual, "Inner and Outer Cone Angles": cosines.
         kind if kind == PunctualKind::Spot as u32 => {
             ((cosine - outer) / (inner - outer).max(1e-7)).clamp(0.0, 1.0).powi(2)

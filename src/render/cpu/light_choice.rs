@@ -9,7 +9,7 @@ use super::light_tree::Receiver;
 use super::place::Place;
 use super::sampler::{Dimension, Sampler};
 use super::sampling::power_heuristic;
-use crate::compile::{ANY_FACING, EnvironmentKind, Features, Hdri, PunctualLight};
+use crate::compile::{ANY_FACING, ENVIRONMENT_GROUP, EnvironmentKind, Features, Hdri, PunctualLight};
 use crate::params::Mode;
 use crate::render::Strategy;
 use glam::DVec3;
@@ -62,7 +62,12 @@ impl Integrator {
             Some(_) => {
                 let light = place.moment.light(lighting, picked.index);
                 let sample = light::from_punctual(&light, place);
-                Some(LightSample { weight: sample.weight / probability, ..sample })
+                let candela = if self.work.features.profiles {
+                    lighting.profile_factor(&light, -sample.direction.normalize())
+                } else {
+                    1.0
+                };
+                Some(LightSample { weight: sample.weight * (candela / probability), ..sample })
             }
             None => {
                 let pick = &lighting.picks[picked.index];
@@ -82,6 +87,7 @@ impl Integrator {
             end: TriangleId::NONE,
             weight: environment::radiance(environment, sky.direction) / pdf,
             pdf: Some(pdf),
+            group: ENVIRONMENT_GROUP,
         }
     }
 
@@ -109,20 +115,23 @@ impl Integrator {
 
     /// Light that the path's ray meets on its way from lights with an extent, which it passes.
     pub(super) fn extended_light(&self, path: &Path, t_max: f64) -> DVec3 {
-        let lighting = &self.work.lighting;
-        let lights = lighting.lights.iter().take(lighting.extended as usize).enumerate();
-        let seen = lights.filter(|(_, light)| path.bounce > 0 || light.kind & PunctualLight::VISIBLE != 0);
-        seen.map(|(index, light)| {
-            let shape = Shape::new(light);
-            let (origin, direction) = (path.ray.origin, path.ray.direction);
-            let Some(t) = shape.meet(origin, direction).filter(|t| *t <= t_max) else { return DVec3::ZERO };
-            let part = path.pdf.map_or(1.0, |pdf| {
-                let density = shape.pdf(path.drawn_at.position, direction, path.passed + t);
-                self.scattered_weight(pdf, self.lights.of_light(index) * (1.0 - self.environment_share()) * density)
-            });
-            let clear = self.work.features.volume.then(|| path.media.transmittance(&self.work.scene, None, t));
-            part * clear.unwrap_or(DVec3::ONE) * light::radiance(light)
-        })
-        .sum()
+        let lights = &self.work.lighting.lights[..self.work.lighting.extended as usize];
+        lights.iter().enumerate().map(|(index, light)| self.met_light(index, light, path, t_max)).sum()
+    }
+
+    /// The same from one of them.
+    pub(super) fn met_light(&self, index: usize, light: &PunctualLight, path: &Path, t_max: f64) -> DVec3 {
+        if path.bounce == 0 && light.kind & PunctualLight::VISIBLE == 0 {
+            return DVec3::ZERO;
+        }
+        let shape = Shape::new(light);
+        let (origin, direction) = (path.ray.origin, path.ray.direction);
+        let Some(t) = shape.meet(origin, direction).filter(|t| *t <= t_max) else { return DVec3::ZERO };
+        let part = path.pdf.map_or(1.0, |pdf| {
+            let density = shape.pdf(path.drawn_at.position, direction, path.passed + t);
+            self.scattered_weight(pdf, self.lights.of_light(index) * (1.0 - self.environment_share()) * density)
+        });
+        let clear = self.work.features.volume.then(|| path.media.transmittance(&self.work.scene, None, t));
+        part * clear.unwrap_or(DVec3::ONE) * light::radiance(light)
     }
 }

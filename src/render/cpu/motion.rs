@@ -56,9 +56,11 @@ impl Moment {
             DVec3::from(begin.map(f64::from)).lerp(DVec3::from(end.map(f64::from)), self.part)
         };
         let direction = between(begin.direction, end.direction).normalize_or(DVec3::NEG_Z);
+        let axis = between(begin.axis, end.axis);
         PunctualLight {
             position: between(begin.position, end.position).as_vec3().to_array(),
             direction: direction.as_vec3().to_array(),
+            axis: (axis - axis.dot(direction) * direction).normalize_or_zero().as_vec3().to_array(),
             ..*begin
         }
     }

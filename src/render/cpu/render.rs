@@ -7,7 +7,7 @@ use crate::film::{Film, TILE_PIXELS, TileSamples};
 use crate::render::schedule::{Pass, Schedule};
 use crate::render::slice::SlicePaths;
 use crate::render::{DeviceInfo, NonFinite, Render, RenderError, StopReason, Work};
-use glam::DVec4;
+use glam::{DVec3, DVec4};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ pub struct CpuRender {
     film: Film,
     /// The pass under way.
     pass: Pass,
-    /// Sums of the entries of the pass that are done, lane by lane.
+    /// Sums of the entries of the pass that are done, lane by lane, each entry's behind the other's ([`Film::add_split`]).
     sums: Vec<[f32; 4]>,
     tracing: Duration,
     slice: SlicePaths,
@@ -34,7 +34,8 @@ impl CpuRender {
     /// Nothing traced yet.
     pub(super) fn new(info: DeviceInfo, work: Work, tree: Arc<Bvh>, film: Option<Film>) -> Self {
         let settings = work.settings;
-        let film = film.unwrap_or_else(|| Film::new(work.view.width, work.view.height));
+        let groups = &work.lighting.groups;
+        let film = film.unwrap_or_else(|| Film::split(work.view.width, work.view.height, groups));
         Self {
             info,
             schedule: Schedule::new(&settings),
@@ -63,26 +64,39 @@ impl CpuRender {
 
     /// Entries of the pass that are done.
     fn done(&self) -> usize {
-        self.sums.len() / TILE_PIXELS
+        self.sums.len() / self.stride()
     }
 
-    /// Sums of an entry, lane by lane; returns what was dropped.
+    /// Sums of an entry.
+    fn stride(&self) -> usize {
+        TILE_PIXELS * (1 + self.film.groups())
+    }
+
+    /// Sums of an entry, lane by lane, and of its groups; returns what was dropped.
     fn trace(&self, entry: TileSamples, lanes: &mut [[f32; 4]]) -> NonFinite {
         let mut dropped = NonFinite::default();
-        for (lane, place) in (0..).zip(lanes) {
-            let Some((x, y)) = self.film.tiles().pixel(entry.tile, lane) else { continue };
+        let mut groups = vec![DVec3::ZERO; self.film.groups()];
+        for lane in 0..TILE_PIXELS {
+            let Some((x, y)) = self.film.tiles().pixel(entry.tile, lane as u32) else { continue };
             let pixel = y * self.film.width() + x;
             let mut sum = DVec4::ZERO;
+            groups.fill(DVec3::ZERO);
             for sample in entry.first..entry.first + entry.samples {
-                let value =
-                    self.integrator.sample(x, y, &Sampler::new(pixel, sample, entry.replicate, self.seed, self.sobol));
+                let sampler = Sampler::new(pixel, sample, entry.replicate, self.seed, self.sobol);
+                let (value, split) = self.integrator.sample(x, y, &sampler);
                 match value {
-                    _ if value.is_finite() => sum += value,
+                    _ if value.is_finite() => {
+                        sum += value;
+                        groups.iter_mut().zip(split).for_each(|(sum, light)| *sum += light);
+                    }
                     _ if value.is_nan() => dropped.nan += 1,
                     _ => dropped.infinite += 1,
                 }
             }
-            *place = sum.as_vec4().to_array();
+            lanes[lane] = sum.as_vec4().to_array();
+            for (group, sum) in groups.iter().enumerate() {
+                lanes[(1 + group) * TILE_PIXELS + lane] = sum.extend(0.0).as_vec4().to_array();
+            }
         }
         dropped
     }
@@ -100,11 +114,11 @@ impl Render for CpuRender {
         {
             return Ok(Some(reason));
         }
-        let done = self.done();
+        let (done, stride) = (self.done(), self.stride());
         let (count, paths) = self.slice.take(&self.pass[done..]);
         let mut sums = std::mem::take(&mut self.sums);
-        sums.resize((done + count as usize) * TILE_PIXELS, [0.0; 4]);
-        let places = sums[done * TILE_PIXELS..].par_chunks_exact_mut(TILE_PIXELS);
+        sums.resize((done + count as usize) * stride, [0.0; 4]);
+        let places = sums[done * stride..].par_chunks_exact_mut(stride);
         let traced = places.zip(&self.pass[done..]).map(|(lanes, &entry)| self.trace(entry, lanes));
         let dropped = traced.reduce(NonFinite::default, NonFinite::and);
         (self.sums, self.non_finite) = (sums, self.non_finite.and(dropped));
@@ -113,7 +127,7 @@ impl Render for CpuRender {
             self.tracing += begun.elapsed();
             return Ok(self.schedule.overdue(&self.film, self.tracing).then_some(StopReason::Deadline));
         }
-        self.film.add(&self.pass, &self.sums);
+        self.film.add_split(&self.pass, &self.sums);
         self.tracing += begun.elapsed();
         Ok(self.next_pass())
     }

@@ -16,6 +16,7 @@ pub struct Bindings<'a> {
     pub albedo: &'a wgpu::TextureView,
     pub work: &'a wgpu::TextureView,
     pub film: &'a wgpu::TextureView,
+    pub profiles: &'a wgpu::TextureView,
 }
 
 impl Bindings<'_> {
@@ -39,6 +40,7 @@ impl Bindings<'_> {
             wgpu::BindingResource::TextureView(self.albedo),
             wgpu::BindingResource::TextureView(self.work),
             wgpu::BindingResource::TextureView(self.film),
+            wgpu::BindingResource::TextureView(self.profiles),
         ];
         let mut binding = 0;
         let entries = resources.map(|resource| {
@@ -51,7 +53,7 @@ impl Bindings<'_> {
 }
 
 /// Types of what a kernel reads and writes.
-pub fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 17] {
+pub fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 18] {
     let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
     let uniform = buffer(wgpu::BufferBindingType::Uniform);
     let read = buffer(wgpu::BufferBindingType::Storage { read_only: true });
@@ -71,7 +73,7 @@ pub fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 17] {
     let film = stored(wgpu::StorageTextureAccess::WriteOnly, wgpu::TextureFormat::Rgba32Float);
     let types = [
         uniform, uniform, records, records, records, list, table, read, read, write, pages, pages, table, table, table,
-        list, film,
+        list, film, list,
     ];
     let mut binding = 0;
     types.map(|ty| {

@@ -8,6 +8,7 @@ mod device;
 pub mod layout;
 pub(in crate::render) mod pipeline;
 mod probe;
+mod profiles;
 mod records;
 pub(in crate::render) mod render;
 pub(in crate::render) mod resources;

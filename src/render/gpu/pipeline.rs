@@ -189,7 +189,7 @@ pub(in crate::render) fn compile_module(gpu: &Gpu, wgsl: &str, stack: u32) -> wg
 }
 
 /// Values of the override constants of `shaders/lib/features.wesl`.
-pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 41] {
+pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 42] {
     let f = variant.features;
     let flag = |value: bool| f64::from(u8::from(value));
     [
@@ -219,6 +219,7 @@ pub(in crate::render) fn constants(variant: Variant) -> [(&'static str, f64); 41
         ("SPHERES", flag(f.spheres)),
         ("DETAIL", flag(f.detail)),
         ("PUNCTUAL", flag(f.punctual)),
+        ("PROFILES", flag(f.profiles)),
         ("EXTENDED_LIGHTS", flag(f.extended_lights)),
         ("EMITTERS", flag(f.emitters)),
         ("LIGHT_TREE", flag(f.light_tree)),

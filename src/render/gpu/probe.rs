@@ -6,7 +6,7 @@ use super::device::Gpu;
 use super::layout::{Frame, Slice};
 use super::pipeline;
 use super::render::{buffer, create_texture, uniform};
-use super::resources::{GpuEnvironment, GpuScene};
+use super::resources::{GpuEnvironment, GpuScene, upload_profiles};
 use crate::render::{RenderError, Work};
 use std::sync::Arc;
 use wgpu::util::{DeviceExt, TextureDataOrder};
@@ -38,6 +38,7 @@ pub struct Probe {
     scene: Arc<GpuScene>,
     environment: Arc<GpuEnvironment>,
     albedo: wgpu::TextureView,
+    profiles: wgpu::TextureView,
 }
 
 impl GpuEngine {
@@ -63,6 +64,7 @@ impl GpuEngine {
             scene: self.resources.scene(&gpu, &work.scene)?,
             environment: self.resources.environment(&gpu, &work.lighting.environment)?,
             albedo: self.resources.albedo(&gpu, &work.scene),
+            profiles: upload_profiles(&gpu, &work.lighting.profiles)?,
             gpu,
         };
         probe.gpu.fault()?;
@@ -148,6 +150,7 @@ impl Probe {
             albedo: &self.albedo,
             work: &view(&self.work),
             film: &view(target),
+            profiles: &self.profiles,
         };
         let bindings = bindings.group(&self.gpu, &self.layout);
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());

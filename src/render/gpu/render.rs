@@ -4,7 +4,7 @@ use super::bindings::Bindings;
 use super::device::Gpu;
 use super::layout::{Frame, Slice};
 use super::pipeline::Kernel;
-use super::resources::{GpuEnvironment, GpuScene, Resources};
+use super::resources::{GpuEnvironment, GpuScene, Resources, upload_profiles};
 use crate::film::{Film, TILE_PIXELS};
 use crate::render::schedule::{Pass, Schedule};
 use crate::render::slice::SlicePaths;
@@ -95,6 +95,7 @@ impl GpuRender {
             albedo: &resources.albedo(gpu, &work.scene),
             work: &list_view,
             film: &target_view,
+            profiles: &upload_profiles(gpu, &work.lighting.profiles)?,
         };
         let bindings = bindings.group(gpu, layout);
         Ok(Self {

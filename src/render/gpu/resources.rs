@@ -1,11 +1,12 @@
 //! What has been uploaded: scenes, environments and tables, kept as long as their source lives.
 
 use super::device::Gpu;
-use super::records;
+use super::{profiles, records};
 use crate::compile::{CompiledScene, Environment, EnvironmentKind, FACING_STRIDE, Hdri, Share, TexturePages};
 use crate::render::RenderError;
 use crate::render::albedo::{TABLE_WIDTH, albedo_table};
 use crate::render::layer_albedo::LAYER_TABLE;
+use crate::scene::Profile;
 use std::sync::{Arc, Weak};
 use wgpu::util::{DeviceExt, TextureDataOrder};
 
@@ -90,6 +91,12 @@ impl Resources {
             _ => Ok(Arc::clone(&self.no_environment)),
         }
     }
+}
+
+/// Binding 17: what a request's lights were measured to send.
+pub(in crate::render) fn upload_profiles(gpu: &Gpu, list: &[Profile]) -> Result<wgpu::TextureView, RenderError> {
+    let words = profiles::words(list);
+    upload_records(gpu, "light profiles", bytemuck::cast_slice(&words), wgpu::TextureUsages::TEXTURE_BINDING)
 }
 
 /// Rows of [`TABLE_WIDTH`] entries.

@@ -10,7 +10,7 @@ use super::targets::Targets;
 use crate::render::gpu::Gpu;
 use crate::render::gpu::layout::Frame as SceneFrame;
 use crate::render::gpu::render::uniform;
-use crate::render::gpu::resources::{GpuEnvironment, GpuScene};
+use crate::render::gpu::resources::{GpuEnvironment, GpuScene, upload_profiles};
 use crate::render::{RenderError, Work};
 use bytemuck::Zeroable;
 use wgpu::BindingResource;
@@ -25,6 +25,7 @@ pub struct Uploads {
     /// Those of the shadow maps, side by side.
     faces: wgpu::Buffer,
     lights: wgpu::Buffer,
+    profiles: wgpu::TextureView,
     blended: Option<wgpu::Buffer>,
     spheres: Option<wgpu::Buffer>,
 }
@@ -50,6 +51,7 @@ impl Uploads {
             projections: uniform(gpu, "projections", &projections),
             faces: uniform(gpu, "faces", bytemuck::cast_slice(&faces)),
             lights: gpu.storage("lights", bytemuck::cast_slice(&lights.lights), size_of::<PreviewLight>())?,
+            profiles: upload_profiles(gpu, &work.lighting.profiles)?,
             blended: list("blended triangles", &listed.blended)?,
             spheres: list("spheres", &listed.spheres)?,
         })
@@ -97,6 +99,7 @@ impl Binder<'_> {
                     (11, texture(&scene.data_pages)),
                     (12, texture(&self.environment.texels)),
                     (14, texture(self.albedo)),
+                    (17, texture(&uploads.profiles)),
                 ],
             ),
             projection: self.group(&layouts.projection, &[(0, BindingResource::Buffer(projection))]),

@@ -66,7 +66,7 @@ pub struct PreviewLight {
     pub radius: f32,
     pub first_face: u32,
     pub face_count: u32,
-    pub pad: u32,
+    pub profile: u32,
 }
 
 #[cfg(test)]
@@ -126,7 +126,7 @@ mod tests {
                 harmonics,
             }
         );
-        assert_mirrors!(module, PreviewLight { source, radius, first_face, face_count });
+        assert_mirrors!(module, PreviewLight { source, radius, first_face, face_count, profile });
         assert!(FINISH_WGSL.contains(&format!("array<Projection, {MAX_FACES}>")));
     }
 }

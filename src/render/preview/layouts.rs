@@ -51,6 +51,7 @@ impl Layouts {
                 (11, everywhere, pages(float())),
                 (12, everywhere, texture(float())),
                 (14, everywhere, texture(float())),
+                (17, everywhere, texture(TextureSampleType::Uint)),
             ],
         );
         let projection = group(gpu, "projection", &[(0, ShaderStages::VERTEX_FRAGMENT, uniform(true))]);

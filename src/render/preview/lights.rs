@@ -2,7 +2,7 @@
 
 use super::faces;
 use super::layout::{PreviewLight, Projection};
-use crate::compile::{CompiledScene, PunctualKind, PunctualLight, View};
+use crate::compile::{CompiledScene, Lighting, PunctualKind, PunctualLight, View};
 use crate::params::{AttenuationKind, PreviewParams, ShadowAlgorithm};
 use glam::Vec3;
 use std::cmp::Reverse;
@@ -23,28 +23,30 @@ pub struct PreviewLights {
 
 impl PreviewLights {
     /// The lights of a scene under the given choices. A light that ends where it begins is left out.
-    pub fn new(scene: &CompiledScene, lights: &[PunctualLight], params: &PreviewParams, view: &View) -> Self {
-        let end = |source: &PunctualLight| PreviewLight {
-            source: *source,
-            radius: radius(source, params),
+    pub fn new(scene: &CompiledScene, lighting: &Lighting, params: &PreviewParams, view: &View) -> Self {
+        let begin = |source: &PunctualLight| PreviewLight {
+            source: PunctualLight { kind: source.kind(), ..*source },
+            radius: 0.0,
             first_face: 0,
             face_count: 0,
-            pad: 0,
+            profile: source.profile().map_or(0, |index| index as u32 + 1),
         };
-        let mut lights: Vec<_> = lights.iter().map(end).filter(|light| light.radius > 0.0).collect();
+        let mut lights: Vec<_> = lighting.lights.iter().map(begin).collect();
+        lights.iter_mut().for_each(|light| light.radius = radius(&brightest(light, lighting), params));
+        lights.retain(|light| light.radius > 0.0);
         lights.sort_by_key(|light| light.radius.is_finite());
         let unbounded = lights.iter().filter(|light| !light.radius.is_finite()).count() as u32;
         let mut all = Self { lights, unbounded, faces: Vec::new() };
-        all.cast_shadows(scene, params, view);
+        all.cast_shadows(scene, lighting, params, view);
         all
     }
 
-    fn cast_shadows(&mut self, scene: &CompiledScene, params: &PreviewParams, view: &View) {
+    fn cast_shadows(&mut self, scene: &CompiledScene, lighting: &Lighting, params: &PreviewParams, view: &View) {
         if params.shadows.algorithm == ShadowAlgorithm::None || scene.triangles.is_empty() {
             return;
         }
         let mut order: Vec<usize> = (0..self.lights.len()).collect();
-        let strength = |index: &usize| strength(&self.lights[*index].source, scene);
+        let strength = |index: &usize| strength(&brightest(&self.lights[*index], lighting), scene);
         order.sort_by(|a, b| strength(b).total_cmp(&strength(a)).then(a.cmp(b)));
         order.truncate(params.shadows.max_lights as usize);
         order.sort_by_key(|&index| Reverse(index));
@@ -56,6 +58,13 @@ impl PreviewLights {
             self.faces.extend(fitted);
         }
     }
+}
+
+/// A light as bright on all sides as its profile is at the most.
+fn brightest(light: &PreviewLight, lighting: &Lighting) -> PunctualLight {
+    let profile = light.profile.checked_sub(1).and_then(|index| lighting.profiles.get(index as usize));
+    let peak = profile.map_or(1.0, |profile| profile.peak);
+    PunctualLight { intensity: light.source.intensity.map(|channel| channel * peak), ..light.source }
 }
 
 /// Distance at which a light ends.
@@ -143,7 +152,8 @@ mod tests {
             ..CompiledScene::default()
         };
         let view = faces::tests::camera(Vec3::ZERO, 9.0);
-        let lights = [point(1.0, 3.0), point(2.0, f32::INFINITY), point(9.0, 5.0), point(3.0, f32::INFINITY)];
+        let lights = vec![point(1.0, 3.0), point(2.0, f32::INFINITY), point(9.0, 5.0), point(3.0, f32::INFINITY)];
+        let lights = Lighting { lights, ..Lighting::default() };
         let mut params = with(AttenuationKind::Physical);
         params.shadows.max_lights = 2;
         let all = PreviewLights::new(&scene, &lights, &params, &view);

@@ -78,7 +78,7 @@ impl PreviewRender {
         let params = &work.settings.preview;
         let scene = resources.scene(gpu, &work.scene)?;
         let environment = resources.environment(gpu, &work.lighting.environment)?;
-        let lights = PreviewLights::new(&work.scene, &work.lighting.lights, params, &work.view);
+        let lights = PreviewLights::new(&work.scene, &work.lighting, params, &work.view);
         let listed = Listed::new(&work.scene, &work.view);
         let has_overlay = params.gizmos && !lights.lights.is_empty() || !listed.blended.is_empty();
         let extent = Extent {

@@ -16,6 +16,7 @@ enum Support {
 use Support::{Harmless, Honoured, Lost};
 
 const TABLE: &[(&str, Support)] = &[
+    ("EXT_lights_ies", Honoured),
     ("EXT_mesh_gpu_instancing", Honoured),
     ("EXT_meshopt_compression", Honoured),
     ("EXT_texture_webp", Honoured),
@@ -42,7 +43,6 @@ const TABLE: &[(&str, Support)] = &[
     ("KHR_texture_transform", Honoured),
     ("KHR_xmp", Harmless("metadata is not read")),
     ("KHR_xmp_json_ld", Harmless("metadata is not read")),
-    ("EXT_lights_ies", Lost("lights shine without their measured profile")),
     ("EXT_lights_image_based", Lost("the file's own environment light is left out; give one in `environment`")),
     ("EXT_mesh_manifold", Lost("the manifold topology is not read; the triangles are drawn as stored")),
     ("EXT_texture_avif", Lost("AVIF images are not read; the fallback image is used, or none")),

@@ -12,6 +12,7 @@ mod draco;
 mod extended;
 mod extensions;
 mod instances;
+mod luminaires;
 mod materials;
 mod meshes;
 mod meshopt;
@@ -36,7 +37,7 @@ use data::Data;
 use materials::ReadMaterial;
 use meshes::{Decoder, Need, Tally};
 use nodes::Hierarchy;
-use schema::{Lights, Root, Variants};
+use schema::{Lights, Luminaires, Root, Variants};
 use std::sync::Arc;
 use textures::Textures;
 
@@ -50,6 +51,7 @@ pub fn import(package: &Package, limits: &Limits) -> Result<Scene, SceneError> {
 
     // Check the whole structure, drawn or not.
     let lights: Option<Lights> = root_extension(&root, "KHR_lights_punctual")?;
+    let luminaires: Option<Luminaires> = root_extension(&root, luminaires::NAME)?;
     let variants: Option<Variants> = root_extension(&root, schema::VARIANTS)?;
     let lights = lights.map_or_else(Vec::new, |lights| lights.lights);
     references::check(&root, lights.len(), variants.as_ref().map_or(0, |list| list.variants.len()))?;
@@ -59,7 +61,10 @@ pub fn import(package: &Package, limits: &Limits) -> Result<Scene, SceneError> {
     meshes::check(&data)?;
     let skins = skins::read(&data, &mut budget)?;
     let mut animations = animations::read(&data, &mut budget, &mut warnings)?;
-    let hierarchy = nodes::read(&data, limits, &mut budget, &mut warnings)?;
+    let mut hierarchy = nodes::read(&data, limits, &mut budget, &mut warnings)?;
+    let profiles = luminaires::read(&data, package, luminaires, &mut budget)?;
+    let mut lights = punctual::read(&lights, &mut warnings)?;
+    luminaires::place(&data, &mut hierarchy, &profiles, &mut lights, &mut warnings)?;
     animations::find_moved_meshes(&mut animations, &hierarchy.nodes, &skins);
 
     // Read what the scenes show.
@@ -91,7 +96,7 @@ pub fn import(package: &Package, limits: &Limits) -> Result<Scene, SceneError> {
         textures: textures.list,
         images,
         cameras: cameras::read(&root.cameras, &mut warnings)?,
-        lights: punctual::read(&lights, &mut warnings)?,
+        lights,
         variants: variants.into_iter().flat_map(|list| list.variants).map(|variant| variant.name).collect(),
         animations: Arc::new(animations),
         skins: Arc::new(skins),

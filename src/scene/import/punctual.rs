@@ -27,6 +27,7 @@ fn read_one(source: &schema::Light, place: &str, warnings: &mut Warnings) -> Res
         intensity,
         range: source.range.map(|range| positive_range(range, place)).transpose()?,
         kind: kind(source, place, warnings)?,
+        profile: None,
     })
 }
 

@@ -301,6 +301,29 @@ pub(super) struct NodeLight {
     pub light: usize,
 }
 
+/// EXT_lights_ies of the root.
+#[derive(Debug, Deserialize)]
+pub(super) struct Luminaires {
+    pub lights: Vec<LuminaireProfile>,
+}
+
+/// A profile of EXT_lights_ies.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct LuminaireProfile {
+    pub name: Option<String>,
+    pub uri: Option<String>,
+    pub buffer_view: Option<usize>,
+}
+
+/// EXT_lights_ies of a node.
+#[derive(Debug, Deserialize)]
+pub(super) struct Luminaire {
+    pub light: usize,
+    pub multiplier: Option<f64>,
+    pub color: Option<[f64; 3]>,
+}
+
 /// EXT_mesh_gpu_instancing of a node.
 #[derive(Debug, Deserialize)]
 pub(super) struct Instancing {

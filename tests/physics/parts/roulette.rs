@@ -53,7 +53,7 @@ fn f64_paths(albedo: f64) -> Vec<f64> {
     let work = closed_box(albedo, CAMERA);
     let bvh = Arc::new(Bvh::new(&work.scene));
     let integrator = Integrator::new(work, bvh);
-    let path = |pixel| integrator.sample(0, 0, &Sampler::new(pixel, 0, 1, 5, true)).x;
+    let path = |pixel| integrator.sample(0, 0, &Sampler::new(pixel, 0, 1, 5, true)).0.x;
     (0..PATHS as u32).into_par_iter().map(path).collect()
 }
 
