@@ -21,9 +21,19 @@ pub fn size(bytes: &[u8]) -> Result<(u32, u32), String> {
     let word = |at: usize| bytes.get(at..at + 4).and_then(|word| word.try_into().ok()).map(u32::from_le_bytes);
     let long = |at: usize| bytes.get(at..at + 8).and_then(|word| word.try_into().ok()).map(u64::from_le_bytes);
     let header = || Some(([word(20)?, word(24)?], [word(28)?, word(32)?, word(36)?], word(44)?, long(96)?));
-    let Some(([width, height], [depth, layers, faces], packing, unpacked)) = header() else {
+    // Descriptor, keys and values, what all levels share, the first level.
+    let parts = || {
+        let short = |at| Some([u64::from(word(at)?), u64::from(word(at + 4)?)]);
+        Some([short(48)?, short(56)?, [long(64)?, long(72)?], [long(80)?, long(88)?]])
+    };
+    let (Some(([width, height], [depth, layers, faces], packing, unpacked)), Some(parts)) = (header(), parts()) else {
         return Err("the KTX2 file is cut off in its header".to_owned());
     };
+    let lies_inside =
+        |[offset, length]: &[u64; 2]| offset.checked_add(*length).is_some_and(|end| end <= bytes.len() as u64);
+    if !parts.iter().all(lies_inside) {
+        return Err("the KTX2 file is cut off: a part of it lies beyond its end".to_owned());
+    }
     if depth > 1 || layers > 1 || faces != 1 {
         return Err("the KTX2 file is no single picture (it has depth, layers or faces)".to_owned());
     }
@@ -140,6 +150,10 @@ pub(in crate::scene) mod tests {
         };
         assert!(with(36, 6).unwrap_err().contains("faces"));
         assert!(with(20, 4000).is_err(), "more texels than blocks");
+        // Found by libFuzzer: the decoder adds these without a look.
+        for (at, value) in [(84, u32::MAX), (92, u32::MAX), (68, u32::MAX), (48, u32::MAX), (60, u32::MAX)] {
+            assert!(with(at, value).unwrap_err().contains("beyond its end"), "a part at byte {at}");
+        }
         let mut packed = file.clone();
         packed[44] = 2;
         packed[96..104].copy_from_slice(&(1_u64 << 40).to_le_bytes());
