@@ -107,8 +107,8 @@ impl PunctualKind {
 pub struct PunctualLight {
     /// Relative to the origin; directional: unused.
     pub position: [f32; 3],
-    /// [`PunctualKind`], [`PunctualLight::VISIBLE`], from [`PunctualLight::GROUP_SHIFT`] on its group where light is split, and from [`PunctualLight::PROFILE_SHIFT`] on one more than the index into
-    /// [`Lighting::profiles`], or 0.
+    /// [`PunctualKind`], [`PunctualLight::VISIBLE`], from [`PunctualLight::GROUP_SHIFT`] on its group where light is split, and
+    /// from [`PunctualLight::PROFILE_SHIFT`] on one more than the index into [`Lighting::profiles`], or 0.
     pub kind: u32,
     /// Direction that it shines in, unit length.
     pub direction: [f32; 3],

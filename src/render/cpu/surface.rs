@@ -174,11 +174,11 @@ impl<'a> Surface<'a> {
     /// A normal that can be shaded with. That of a metal is bent as a mirror's, that of a diffuse layer, which most light of
     /// other materials comes from, only until it is seen.
     fn bent(&self, normal: DVec3, direction: DVec3) -> DVec3 {
-        let visible = bend::visible(normal, self.geometric_normal, direction);
         let mirroring = bend::mirroring(normal, self.geometric_normal, direction);
         if mirroring == normal {
             return normal;
         }
+        let visible = bend::visible(normal, self.geometric_normal, direction);
         visible.lerp(mirroring, self.layers().metallic).normalize()
     }
 
